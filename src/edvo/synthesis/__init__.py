@@ -1,0 +1,1 @@
+"""Sequences with known truth: scenes, renderer, motion, sensors and light (paper, section V-A)."""
