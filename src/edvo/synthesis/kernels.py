@@ -21,6 +21,8 @@ PATCH, TRIANGLE, CYLINDER = 0, 1, 2
 PLAIN, CHECKER, NOISE, TILES, BRICKS, BOOKS, WOOD, TEXT = range(8)
 LEAF = 2
 STACK = 64
+BATCH = 256  # rays
+MOST = 64  # primitives tried one by one; above it each ray walks the tree
 
 
 def compiled(function: _Function) -> _Function:
@@ -102,10 +104,9 @@ class Images(NamedTuple):
 @compiled
 def _random(i: int, j: int, seed: int) -> float:
     """Give a number in [0, 1) for a lattice point."""
-    h = np.uint64(np.int64(i) * 73856093 ^ np.int64(j) * 19349663 ^ np.int64(seed) * 83492791)
-    h = (h ^ (h >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    h = (h ^ (h >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    h = h ^ (h >> np.uint64(31))
+    h = np.uint64(np.int64(i) * 0x1F123BB5 + np.int64(j) * 0x5F356495 + np.int64(seed) * 0x6C8E9CF5)
+    h = (h ^ (h >> np.uint64(29))) * np.uint64(0xBF58476D1CE4E5B9)
+    h = (h ^ (h >> np.uint64(32))) * np.uint64(0x94D049BB133111EB)
     return float(h >> np.uint64(40)) / 16777216.0
 
 
@@ -239,30 +240,40 @@ def _text(x: float, y: float, wx: float, wy: float, seed: int) -> float:
 
 
 @compiled
-def _texture(paint: Paint, k: int, channel: int, u: float, v: float, wu: float, wv: float) -> float:
+def _texture(
+    kind: int,
+    size_u: float,
+    size_v: float,
+    joint: float,
+    octaves: int,
+    seed: int,
+    channel: int,
+    u: float,
+    v: float,
+    wu: float,
+    wv: float,
+) -> float:
     """Give the share of the other albedo, averaged over a pixel of wu by wv metres."""
-    kind = paint.kind[k]
-    seed = paint.seed[k] + 7919 * channel
-    x, y = u / paint.size[k, 0], v / paint.size[k, 1]
-    wx, wy = max(wu / paint.size[k, 0], 1e-9), max(wv / paint.size[k, 1], 1e-9)
+    x, y = u / size_u, v / size_v
+    wx, wy = max(wu / size_u, 1e-9), max(wv / size_v, 1e-9)
+    if kind == BOOKS:
+        return _books(x, y, wx, wy, seed, channel)
+    seed += 7919 * channel
     if kind == CHECKER:
         return 0.5 - 0.5 * _wave(x, wx) * _wave(y, wy)
     if kind == NOISE:
-        return _cloud(x, y, wx, wy, paint.octaves[k], seed)
+        return _cloud(x, y, wx, wy, octaves, seed)
     if kind == TILES:
-        return _tiles(x, y, wx, wy, paint.octaves[k], seed)
+        return _tiles(x, y, wx, wy, octaves, seed)
     if kind == BRICKS:
-        joint_y = _pulse(y, wy, paint.size[k, 2] / paint.size[k, 1])
+        joint_y = _pulse(y, wy, joint / size_v)
         shift = 0.5 if int(np.floor(y)) & 1 else 0.0
-        joint_x = _pulse(x + shift, wx, paint.size[k, 2] / paint.size[k, 0])
+        joint_x = _pulse(x + shift, wx, joint / size_u)
         return 1.0 - (1.0 - joint_x) * (1.0 - joint_y)
-    if kind == BOOKS:
-        return _books(x, y, wx, wy, paint.seed[k], channel)
     if kind == WOOD:
         bend = _cloud(0.15 * x, y, 0.15 * wx, wy, 2, seed)
-        ring = y + 3.0 * bend
         keep = min(max(0.5 / wy - 1.0, 0.0), 1.0)
-        return 0.5 + 0.5 * keep * np.sin(6.283185307179586 * ring)
+        return 0.5 + 0.5 * keep * np.sin(6.283185307179586 * (y + 3.0 * bend))
     return _text(x, y, wx, wy, seed)
 
 
@@ -270,16 +281,18 @@ def _texture(paint: Paint, k: int, channel: int, u: float, v: float, wu: float, 
 
 
 @compiled
-def _cylinder(s: F64, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float) -> float:
+def _cylinder(
+    shape: F64, i: int, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float
+) -> float:
     """Give the nearest positive t at which a ray meets a closed cylinder, or -1."""
-    px, py, pz = ox - s[0], oy - s[1], oz - s[2]
-    along_d = dx * s[4] + dy * s[5] + dz * s[6]
-    along_p = px * s[4] + py * s[5] + pz * s[6]
-    ex, ey, ez = dx - along_d * s[4], dy - along_d * s[5], dz - along_d * s[6]
-    fx, fy, fz = px - along_p * s[4], py - along_p * s[5], pz - along_p * s[6]
+    px, py, pz = ox - shape[i, 0], oy - shape[i, 1], oz - shape[i, 2]
+    along_d = dx * shape[i, 4] + dy * shape[i, 5] + dz * shape[i, 6]
+    along_p = px * shape[i, 4] + py * shape[i, 5] + pz * shape[i, 6]
+    ex, ey, ez = dx - along_d * shape[i, 4], dy - along_d * shape[i, 5], dz - along_d * shape[i, 6]
+    fx, fy, fz = px - along_p * shape[i, 4], py - along_p * shape[i, 5], pz - along_p * shape[i, 6]
     a = ex * ex + ey * ey + ez * ez
     b = ex * fx + ey * fy + ez * fz
-    c = fx * fx + fy * fy + fz * fz - s[3] * s[3]
+    c = fx * fx + fy * fy + fz * fz - shape[i, 3] * shape[i, 3]
     best = -1.0
     if a > 0.0:
         root = b * b - a * c
@@ -289,37 +302,46 @@ def _cylinder(s: F64, ox: float, oy: float, oz: float, dx: float, dy: float, dz:
         for sign in range(2):
             t = (-b - root if sign == 0 else -b + root) / a
             h = along_p + t * along_d
-            if t > 1e-9 and 0.0 <= h <= s[7] and (best < 0.0 or t < best):
+            if t > 1e-9 and 0.0 <= h <= shape[i, 7] and (best < 0.0 or t < best):
                 best = t
     if along_d != 0.0:
         for end in range(2):
-            t = ((s[7] if end == 1 else 0.0) - along_p) / along_d
+            t = ((shape[i, 7] if end == 1 else 0.0) - along_p) / along_d
             if t > 1e-9 and (best < 0.0 or t < best):
                 gx, gy, gz = fx + t * ex, fy + t * ey, fz + t * ez
-                if gx * gx + gy * gy + gz * gz <= s[3] * s[3]:
+                if gx * gx + gy * gy + gz * gz <= shape[i, 3] * shape[i, 3]:
                     best = t
     return best
 
 
 @compiled
 def _meet(
-    kind: int, s: F64, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, far: float
+    kind: int,
+    shape: F64,
+    i: int,
+    ox: float,
+    oy: float,
+    oz: float,
+    dx: float,
+    dy: float,
+    dz: float,
+    far: float,
 ) -> float:
     """Give t at which a ray meets a primitive no further than ``far``, or -1."""
     if kind == CYLINDER:
-        t = _cylinder(s, ox, oy, oz, dx, dy, dz)
+        t = _cylinder(shape, i, ox, oy, oz, dx, dy, dz)
         return t if t <= far else -1.0
-    slant = s[0] * dx + s[1] * dy + s[2] * dz
+    slant = shape[i, 0] * dx + shape[i, 1] * dy + shape[i, 2] * dz
     if slant == 0.0:
         return -1.0
-    t = (s[3] - s[0] * ox - s[1] * oy - s[2] * oz) / slant
+    t = (shape[i, 3] - shape[i, 0] * ox - shape[i, 1] * oy - shape[i, 2] * oz) / slant
     if not (1e-9 < t <= far):
         return -1.0
     px, py, pz = ox + t * dx, oy + t * dy, oz + t * dz
-    u = s[4] * px + s[5] * py + s[6] * pz - s[7]
+    u = shape[i, 4] * px + shape[i, 5] * py + shape[i, 6] * pz - shape[i, 7]
     if u < 0.0 or u > 1.0:
         return -1.0
-    v = s[8] * px + s[9] * py + s[10] * pz - s[11]
+    v = shape[i, 8] * px + shape[i, 9] * py + shape[i, 10] * pz - shape[i, 11]
     if v < 0.0 or v > 1.0 or (kind == TRIANGLE and u + v > 1.0):
         return -1.0
     return t
@@ -327,14 +349,14 @@ def _meet(
 
 @compiled
 def _enter(
-    box: F64, ox: float, oy: float, oz: float, ix: float, iy: float, iz: float, far: float
+    node: F64, at: int, ox: float, oy: float, oz: float, ix: float, iy: float, iz: float, far: float
 ) -> float:
     """Give t at which a ray enters a box, or infinity if it misses it before ``far``."""
-    a, b = (box[0] - ox) * ix, (box[3] - ox) * ix
+    a, b = (node[at, 0] - ox) * ix, (node[at, 3] - ox) * ix
     near, leave = min(a, b), max(a, b)
-    a, b = (box[1] - oy) * iy, (box[4] - oy) * iy
+    a, b = (node[at, 1] - oy) * iy, (node[at, 4] - oy) * iy
     near, leave = max(near, min(a, b)), min(leave, max(a, b))
-    a, b = (box[2] - oz) * iz, (box[5] - oz) * iz
+    a, b = (node[at, 2] - oz) * iz, (node[at, 5] - oz) * iz
     near, leave = max(near, min(a, b)), min(leave, max(a, b))
     return near if near <= leave and leave >= 0.0 and near <= far else np.inf
 
@@ -363,20 +385,20 @@ def _nearest(
     """
     best, hit = np.inf, -1
     if guess >= 0:
-        t = _meet(solids.kind[guess], solids.shape[guess], ox, oy, oz, dx, dy, dz, best)
+        t = _meet(solids.kind[guess], solids.shape, guess, ox, oy, oz, dx, dy, dz, best)
         if t > 0.0:
             best, hit = t, guess
     ix, iy, iz = _inverse(dx), _inverse(dy), _inverse(dz)
     top = 0
-    if _enter(solids.node[0], ox, oy, oz, ix, iy, iz, best) < np.inf:
+    if _enter(solids.node, 0, ox, oy, oz, ix, iy, iz, best) < np.inf:
         stack[0], top = 0, 1
     while top > 0:
         top -= 1
         at = stack[top]
         first, count = solids.link[at, 0], solids.link[at, 1]
         if count == 0:
-            left = _enter(solids.node[first], ox, oy, oz, ix, iy, iz, best)
-            right = _enter(solids.node[first + 1], ox, oy, oz, ix, iy, iz, best)
+            left = _enter(solids.node, first, ox, oy, oz, ix, iy, iz, best)
+            right = _enter(solids.node, first + 1, ox, oy, oz, ix, iy, iz, best)
             near, step = (first, 1) if left <= right else (first + 1, -1)
             if max(left, right) < np.inf:
                 stack[top] = near + step
@@ -387,7 +409,7 @@ def _nearest(
             continue
         for k in range(first, first + count):
             i = solids.order[k]
-            t = _meet(solids.kind[i], solids.shape[i], ox, oy, oz, dx, dy, dz, best)
+            t = _meet(solids.kind[i], solids.shape, i, ox, oy, oz, dx, dy, dz, best)
             # Of two at the same depth the first in the file wins, whatever the guess was.
             if t > 0.0 and (t < best or i < hit):
                 best, hit = t, i
@@ -412,7 +434,7 @@ def _blocked(
     while top > 0:
         top -= 1
         at = stack[top]
-        if _enter(solids.node[at], ox, oy, oz, ix, iy, iz, far) == np.inf:
+        if _enter(solids.node, at, ox, oy, oz, ix, iy, iz, far) == np.inf:
             continue
         first, count = solids.link[at, 0], solids.link[at, 1]
         if count == 0:
@@ -421,7 +443,7 @@ def _blocked(
             continue
         for k in range(first, first + count):
             i = solids.order[k]
-            if _meet(solids.kind[i], solids.shape[i], ox, oy, oz, dx, dy, dz, far) > 0.0:
+            if _meet(solids.kind[i], solids.shape, i, ox, oy, oz, dx, dy, dz, far) > 0.0:
                 return True
     return False
 
@@ -478,7 +500,146 @@ def _unshadowed(
     return seen / tried
 
 
-# --- light ---------------------------------------------------------------------------------------
+# --- batches of rays -----------------------------------------------------------------------------
+# A call costs as much as a ray, so rays go through in batches that share their origin: those of a
+# tile of the image. What a tile can see at all is gathered once, by its frustum.
+
+
+class Batch(NamedTuple):
+    """Rays of one tile and what they hit; made once per thread and band."""
+
+    a: F64  # (B,) direction on the plane z = 1
+    b: F64
+    direction: F64  # (3, B) world
+    t: F64  # (B,) depth, infinite where nothing is hit
+    hit: I32  # (B,) primitive, -1 for none
+    out: F64  # (9, B) colour, albedo, normal (world)
+    key: I32  # (B,) surface and shadow
+    pixel: I32  # (B, 2) row and column
+    seen: I32  # (MOST,) primitives in the tile's frustum
+    stack: I32
+
+
+@compiled
+def _batch() -> Batch:
+    """Make room for a batch."""
+    return Batch(
+        np.empty(BATCH),
+        np.empty(BATCH),
+        np.empty((3, BATCH)),
+        np.empty(BATCH),
+        np.empty(BATCH, np.int32),
+        np.empty((9, BATCH)),
+        np.empty(BATCH, np.int32),
+        np.empty((BATCH, 2), np.int32),
+        np.empty(MOST, np.int32),
+        np.empty(STACK, np.int32),
+    )
+
+
+@compiled
+def _gather(
+    solids: Solids,
+    poses: F64,
+    row: int,
+    left: float,
+    right: float,
+    up: float,
+    down: float,
+    batch: Batch,
+) -> int:
+    """Collect what lies in a frustum; give the number, or -1 if it is more than ``MOST``."""
+    # Inward normals of left, right, upper and lower side, and the view direction.
+    plane = np.empty((5, 3))
+    for c in range(3):
+        x, y, z = poses[row, c, 0], poses[row, c, 1], poses[row, c, 2]
+        plane[0, c], plane[1, c] = x - left * z, right * z - x
+        plane[2, c], plane[3, c], plane[4, c] = y - up * z, down * z - y, z
+    stack, node, link = batch.stack, solids.node, solids.link
+    stack[0], top, count = 0, 1, 0
+    while top > 0:
+        top -= 1
+        at = stack[top]
+        outside = False
+        for k in range(5):
+            furthest = 0.0
+            for c in range(3):
+                low = node[at, c] - poses[row, c, 3]
+                high = node[at, 3 + c] - poses[row, c, 3]
+                furthest += max(plane[k, c] * low, plane[k, c] * high)
+            if furthest < 0.0:
+                outside = True
+                break
+        if outside:
+            continue
+        first, many = link[at, 0], link[at, 1]
+        if many == 0:
+            stack[top], stack[top + 1] = first, first + 1
+            top += 2
+            continue
+        if count + many > MOST:
+            return -1
+        for k in range(first, first + many):
+            batch.seen[count] = solids.order[k]
+            count += 1
+    return count
+
+
+@compiled
+def _hit(solids: Solids, poses: F64, row: int, seen: int, batch: Batch, count: int) -> None:
+    """Find the nearest hit of each ray of a batch."""
+    a, b, direction, best, hit = batch.a, batch.b, batch.direction, batch.t, batch.hit
+    shape = solids.shape
+    ox, oy, oz = poses[row, 0, 3], poses[row, 1, 3], poses[row, 2, 3]
+    for c in range(3):
+        x, y, z = poses[row, c, 0], poses[row, c, 1], poses[row, c, 2]
+        for r in range(count):
+            direction[c, r] = x * a[r] + y * b[r] + z
+    for r in range(count):
+        best[r], hit[r] = np.inf, -1
+    if seen < 0:
+        guess = -1
+        for r in range(count):
+            best[r], guess = _nearest(
+                solids,
+                ox,
+                oy,
+                oz,
+                direction[0, r],
+                direction[1, r],
+                direction[2, r],
+                guess,
+                batch.stack,
+            )
+            hit[r] = guess
+        return
+    for k in range(seen):
+        i = batch.seen[k]
+        if solids.kind[i] == CYLINDER:
+            for r in range(count):
+                t = _cylinder(
+                    shape, i, ox, oy, oz, direction[0, r], direction[1, r], direction[2, r]
+                )
+                if t > 0.0 and (t < best[r] or (t == best[r] and i < hit[r])):
+                    best[r], hit[r] = t, i
+            continue
+        nx, ny, nz = shape[i, 0], shape[i, 1], shape[i, 2]
+        ax, ay, az = shape[i, 4], shape[i, 5], shape[i, 6]
+        bx, by, bz = shape[i, 8], shape[i, 9], shape[i, 10]
+        n0 = shape[i, 3] - (nx * ox + ny * oy + nz * oz)
+        a0 = ax * ox + ay * oy + az * oz - shape[i, 7]
+        b0 = bx * ox + by * oy + bz * oz - shape[i, 11]
+        corner = 1.0 if solids.kind[i] == TRIANGLE else 2.0
+        for r in range(count):
+            x, y, z = direction[0, r], direction[1, r], direction[2, r]
+            t = n0 / (nx * x + ny * y + nz * z)
+            u = a0 + t * (ax * x + ay * y + az * z)
+            v = b0 + t * (bx * x + by * y + bz * z)
+            inside = (u >= 0.0) & (v >= 0.0) & (u <= 1.0) & (v <= 1.0) & (u + v <= corner)
+            # Of two at the same depth the first in the file wins, in whatever order they come.
+            nearer = (t > 1e-9) & ((t < best[r]) | ((t == best[r]) & (i < hit[r])))
+            if inside & nearer:
+                best[r], hit[r] = t, i
 
 
 @compiled
@@ -486,132 +647,170 @@ def _shade(
     solids: Solids,
     paint: Paint,
     lamps: Lamps,
-    i: int,
-    t: float,
-    pose: F64,
-    dx: float,
-    dy: float,
-    dz: float,
+    poses: F64,
+    row: int,
     pixel_x: float,
     pixel_y: float,
+    background: F64,
     lit: bool,
-    stack: I32,
-    out: F64,
-) -> int:
-    """Write colour, albedo and normal (world) of a hit into ``out`` (9,); give its key."""
-    ox, oy, oz = pose[0, 3], pose[1, 3], pose[2, 3]
-    px, py, pz = ox + t * dx, oy + t * dy, oz + t * dz
-    s = solids.shape[i]
-    g = solids.grain[i]
-    if solids.kind[i] == CYLINDER:
-        qx, qy, qz = px - s[0], py - s[1], pz - s[2]
-        h = qx * s[4] + qy * s[5] + qz * s[6]
-        rx, ry, rz = qx - h * s[4], qy - h * s[5], qz - h * s[6]
-        r = np.sqrt(rx * rx + ry * ry + rz * rz)
-        cx, cy, cz = (
-            s[5] * s[10] - s[6] * s[9],
-            s[6] * s[8] - s[4] * s[10],
-            s[4] * s[9] - s[5] * s[8],
-        )
-        a, b = rx * s[8] + ry * s[9] + rz * s[10], rx * cx + ry * cy + rz * cz
-        edge = 1e-7 * (1.0 + s[7])
-        if r < s[3] - edge and (h < edge or h > s[7] - edge):
-            nx, ny, nz = s[4], s[5], s[6]
-            u, v = a, b
-        else:
-            nx, ny, nz = rx / r, ry / r, rz / r
-            u, v = s[3] * np.arctan2(b, a), h
-    else:
-        nx, ny, nz = s[0], s[1], s[2]
-        u = g[0] * px + g[1] * py + g[2] * pz - g[3]
-        v = g[4] * px + g[5] * py + g[6] * pz - g[7]
-    slant = nx * dx + ny * dy + nz * dz
-    if slant > 0.0:
-        nx, ny, nz, slant = -nx, -ny, -nz, -slant
-    out[6], out[7], out[8] = nx, ny, nz
-    key = solids.surface[i] * 64
-    if not lit:
-        return key
-
-    k = solids.material[i]
-    if paint.kind[k] == PLAIN:
-        out[3], out[4], out[5] = paint.base[k, 0], paint.base[k, 1], paint.base[k, 2]
-    else:
-        # How far the hit moves on the surface when the ray moves by one pixel.
-        wu, wv = 0.0, 0.0
-        slant = min(slant, -1e-9)
-        for axis in range(2):
-            size = pixel_x if axis == 0 else pixel_y
-            ex, ey, ez = size * pose[0, axis], size * pose[1, axis], size * pose[2, axis]
-            along = (nx * ex + ny * ey + nz * ez) / slant
-            ex, ey, ez = t * (ex - along * dx), t * (ey - along * dy), t * (ez - along * dz)
-            if solids.kind[i] == CYLINDER:
-                turned = ex * s[4] + ey * s[5] + ez * s[6]
-                wv += turned * turned
-                wu += max(ex * ex + ey * ey + ez * ez - turned * turned, 0.0)
-            else:
-                turned = g[0] * ex + g[1] * ey + g[2] * ez
-                wu += turned * turned
-                turned = g[4] * ex + g[5] * ey + g[6] * ez
-                wv += turned * turned
-        wu, wv = np.sqrt(wu), np.sqrt(wv)
-        mix = _texture(paint, k, 0, u, v, wu, wv)
-        for channel in range(3):
-            if channel > 0 and paint.hue[k] == 1:
-                mix = _texture(paint, k, channel, u, v, wu, wv)
-            base = paint.base[k, channel]
-            out[3 + channel] = base + mix * (paint.other[k, channel] - base)
-
-    light, shine = lamps.ambient + paint.gloss[k, 2], 0.0
-    for lamp in range(lamps.lamp.shape[0]):
-        data = lamps.lamp[lamp]
-        lx, ly, lz, far = -data[1], -data[2], -data[3], np.inf
-        strength = data[4]
-        if data[0] == 1.0:
-            lx, ly, lz, far = data[1] - px, data[2] - py, data[3] - pz, 1.0
-        square = max(lx * lx + ly * ly + lz * lz, 1e-12)
-        length = np.sqrt(square)
-        facing = (nx * lx + ny * ly + nz * lz) / length
-        if facing <= 0.0 or strength == 0.0:
+    batch: Batch,
+    count: int,
+) -> None:
+    """Write colour, albedo, normal and key of each ray of a batch."""
+    s, g, out, lamp = solids.shape, solids.grain, batch.out, lamps.lamp
+    ox, oy, oz = poses[row, 0, 3], poses[row, 1, 3], poses[row, 2, 3]
+    for ray in range(count):
+        i = batch.hit[ray]
+        if i < 0:
+            batch.key[ray] = -1
+            for c in range(3):
+                out[c, ray], out[3 + c, ray], out[6 + c, ray] = background[c], 0.0, 0.0
             continue
-        if data[0] == 1.0:
-            strength /= square
-        if data[6] != 0.0:
-            # Lifted off the surface, or it would shade itself.
-            lift = 1e-6 * (1.0 + t)
-            seen = _unshadowed(
-                solids,
-                px + lift * nx,
-                py + lift * ny,
-                pz + lift * nz,
-                lx,
-                ly,
-                lz,
-                data[5],
-                far,
-                stack,
-            )
-            if data[5] <= 0.0 and seen == 0.0:
-                key ^= 1 << (lamp % 6)
-            strength *= seen
-        light += strength * facing
-        if paint.gloss[k, 0] > 0.0:
-            # Blinn-Phong
-            view = np.sqrt(dx * dx + dy * dy + dz * dz)
-            hx, hy, hz = lx / length - dx / view, ly / length - dy / view, lz / length - dz / view
-            half = np.sqrt(hx * hx + hy * hy + hz * hz)
-            if half > 0.0:
-                cosine = max((nx * hx + ny * hy + nz * hz) / half, 0.0)
-                shine += strength * paint.gloss[k, 0] * cosine ** paint.gloss[k, 1]
-    for channel in range(3):
-        out[channel] = out[3 + channel] * light + shine
-    return key
+        t = batch.t[ray]
+        dx, dy, dz = batch.direction[0, ray], batch.direction[1, ray], batch.direction[2, ray]
+        px, py, pz = ox + t * dx, oy + t * dy, oz + t * dz
+        if solids.kind[i] == CYLINDER:
+            qx, qy, qz = px - s[i, 0], py - s[i, 1], pz - s[i, 2]
+            h = qx * s[i, 4] + qy * s[i, 5] + qz * s[i, 6]
+            rx, ry, rz = qx - h * s[i, 4], qy - h * s[i, 5], qz - h * s[i, 6]
+            radius = np.sqrt(rx * rx + ry * ry + rz * rz)
+            cx = s[i, 5] * s[i, 10] - s[i, 6] * s[i, 9]
+            cy = s[i, 6] * s[i, 8] - s[i, 4] * s[i, 10]
+            cz = s[i, 4] * s[i, 9] - s[i, 5] * s[i, 8]
+            u = rx * s[i, 8] + ry * s[i, 9] + rz * s[i, 10]
+            v = rx * cx + ry * cy + rz * cz
+            edge = 1e-7 * (1.0 + s[i, 7])
+            if radius < s[i, 3] - edge and (h < edge or h > s[i, 7] - edge):
+                nx, ny, nz = s[i, 4], s[i, 5], s[i, 6]
+            else:
+                nx, ny, nz = rx / radius, ry / radius, rz / radius
+                u, v = s[i, 3] * np.arctan2(v, u), h
+        else:
+            nx, ny, nz = s[i, 0], s[i, 1], s[i, 2]
+            u = g[i, 0] * px + g[i, 1] * py + g[i, 2] * pz - g[i, 3]
+            v = g[i, 4] * px + g[i, 5] * py + g[i, 6] * pz - g[i, 7]
+        slant = nx * dx + ny * dy + nz * dz
+        if slant > 0.0:
+            nx, ny, nz, slant = -nx, -ny, -nz, -slant
+        out[6, ray], out[7, ray], out[8, ray] = nx, ny, nz
+        key = solids.surface[i] * 64
+        if not lit:
+            batch.key[ray] = key
+            continue
+
+        k = solids.material[i]
+        red, green, blue = paint.base[k, 0], paint.base[k, 1], paint.base[k, 2]
+        kind = paint.kind[k]
+        if kind != PLAIN:
+            # How far the hit moves on the surface when the ray moves by one pixel.
+            wu, wv = 0.0, 0.0
+            slant = min(slant, -1e-9)
+            for axis in range(2):
+                width = pixel_x if axis == 0 else pixel_y
+                ex = width * poses[row, 0, axis]
+                ey = width * poses[row, 1, axis]
+                ez = width * poses[row, 2, axis]
+                along = (nx * ex + ny * ey + nz * ez) / slant
+                ex, ey, ez = t * (ex - along * dx), t * (ey - along * dy), t * (ez - along * dz)
+                if solids.kind[i] == CYLINDER:
+                    moved = ex * s[i, 4] + ey * s[i, 5] + ez * s[i, 6]
+                    wv += moved * moved
+                    wu += max(ex * ex + ey * ey + ez * ez - moved * moved, 0.0)
+                else:
+                    moved = g[i, 0] * ex + g[i, 1] * ey + g[i, 2] * ez
+                    wu += moved * moved
+                    moved = g[i, 4] * ex + g[i, 5] * ey + g[i, 6] * ez
+                    wv += moved * moved
+            wu, wv = np.sqrt(wu), np.sqrt(wv)
+            for channel in range(3 if paint.hue[k] == 1 else 1):
+                mix = _texture(
+                    kind,
+                    paint.size[k, 0],
+                    paint.size[k, 1],
+                    paint.size[k, 2],
+                    paint.octaves[k],
+                    paint.seed[k],
+                    channel,
+                    u,
+                    v,
+                    wu,
+                    wv,
+                )
+                if channel == 0:
+                    red += mix * (paint.other[k, 0] - red)
+                if channel == 1 or paint.hue[k] == 0:
+                    green += mix * (paint.other[k, 1] - green)
+                if channel == 2 or paint.hue[k] == 0:
+                    blue += mix * (paint.other[k, 2] - blue)
+
+        light, shine = lamps.ambient + paint.gloss[k, 2], 0.0
+        for n in range(lamp.shape[0]):
+            strength, far, length = lamp[n, 4], np.inf, 1.0
+            lx, ly, lz = -lamp[n, 1], -lamp[n, 2], -lamp[n, 3]
+            if lamp[n, 0] == 1.0:
+                lx, ly, lz, far = -lx - px, -ly - py, -lz - pz, 1.0
+                square = max(lx * lx + ly * ly + lz * lz, 1e-12)
+                length = np.sqrt(square)
+                strength /= square
+            facing = (nx * lx + ny * ly + nz * lz) / length
+            if facing <= 0.0 or strength == 0.0:
+                continue
+            if lamp[n, 6] != 0.0:
+                # Lifted off the surface, or it would shade itself.
+                lift = 1e-6 * (1.0 + t)
+                seen = _unshadowed(
+                    solids,
+                    px + lift * nx,
+                    py + lift * ny,
+                    pz + lift * nz,
+                    lx,
+                    ly,
+                    lz,
+                    lamp[n, 5],
+                    far,
+                    batch.stack,
+                )
+                if lamp[n, 5] <= 0.0 and seen == 0.0:
+                    key ^= 1 << (n % 6)
+                strength *= seen
+            light += strength * facing
+            if paint.gloss[k, 0] > 0.0:
+                # Blinn-Phong
+                view = np.sqrt(dx * dx + dy * dy + dz * dz)
+                hx = lx / length - dx / view
+                hy = ly / length - dy / view
+                hz = lz / length - dz / view
+                half = np.sqrt(hx * hx + hy * hy + hz * hz)
+                if half > 0.0:
+                    cosine = max((nx * hx + ny * hy + nz * hz) / half, 0.0)
+                    shine += strength * paint.gloss[k, 0] * cosine ** paint.gloss[k, 1]
+        out[0, ray], out[1, ray], out[2, ray] = (
+            red * light + shine,
+            green * light + shine,
+            blue * light + shine,
+        )
+        out[3, ray], out[4, ray], out[5, ray] = red, green, blue
+        batch.key[ray] = key
+
+
+@compiled
+def _frustum(
+    rays: F64, pixel: F64, first: int, last: int, left: int, right: int
+) -> tuple[float, float, float, float]:
+    """Give the bounds of a tile on the plane z = 1, a pixel wider."""
+    low_x, high_x, low_y, high_y = np.inf, -np.inf, np.inf, -np.inf
+    for y in range(first, last):
+        for x in range(left, right):
+            low_x, high_x = min(low_x, rays[y, x, 0]), max(high_x, rays[y, x, 0])
+            low_y, high_y = min(low_y, rays[y, x, 1]), max(high_y, rays[y, x, 1])
+    return low_x - pixel[0], high_x + pixel[0], low_y - pixel[1], high_y + pixel[1]
 
 
 @compiled
 def trace_rows(
     first: int,
     last: int,
+    tile: int,
     rays: F64,
     pixel: F64,
     poses: F64,
@@ -628,6 +827,8 @@ def trace_rows(
     ----------
     first, last : int
         Rows.
+    tile : int
+        Rows that share a pose: 1, or at most 16.
     rays : (H, W, 2) float64
         Direction of each pixel on the plane z = 1.
     pixel : (2,) float64
@@ -643,42 +844,51 @@ def trace_rows(
     images : Images
         Written.
     """
-    stack = np.empty(STACK, np.int32)
-    out = np.zeros(9)
-    for y in range(first, last):
-        pose = poses[y]
-        guess = -1
-        for x in range(rays.shape[1]):
-            a, b = rays[y, x, 0], rays[y, x, 1]
-            dx = pose[0, 0] * a + pose[0, 1] * b + pose[0, 2]
-            dy = pose[1, 0] * a + pose[1, 1] * b + pose[1, 2]
-            dz = pose[2, 0] * a + pose[2, 1] * b + pose[2, 2]
-            t, i = _nearest(
-                solids, pose[0, 3], pose[1, 3], pose[2, 3], dx, dy, dz, guess, stack
+    batch = _batch()
+    width = rays.shape[1]
+    across = BATCH // tile
+    for top in range(first, last, tile):
+        bottom = min(top + tile, last)
+        for left in range(0, width, across):
+            right = min(left + across, width)
+            x0, x1, y0, y1 = _frustum(rays, pixel, top, bottom, left, right)
+            seen = _gather(solids, poses, top, x0, x1, y0, y1, batch)
+            count = 0
+            for y in range(top, bottom):
+                for x in range(left, right):
+                    batch.a[count], batch.b[count] = rays[y, x, 0], rays[y, x, 1]
+                    count += 1
+            _hit(solids, poses, top, seen, batch, count)
+            _shade(
+                solids,
+                paint,
+                lamps,
+                poses,
+                top,
+                pixel[0],
+                pixel[1],
+                background,
+                lit,
+                batch,
+                count,
             )
-            guess = i
-            if i < 0:
-                images.depth[y, x] = 0.0
-                images.thing[y, x] = -1
-                images.key[y, x] = -1
-                for c in range(3):
-                    images.normal[y, x, c] = 0.0
-                    images.albedo[y, x, c] = 0.0
-                    images.colour[y, x, c] = background[c]
-                continue
-            key = _shade(
-                solids, paint, lamps, i, t, pose, dx, dy, dz, pixel[0], pixel[1], lit, stack, out
-            )
-            images.depth[y, x] = t
-            images.thing[y, x] = solids.thing[i]
-            images.key[y, x] = key
-            for c in range(3):
-                images.normal[y, x, c] = (
-                    pose[0, c] * out[6] + pose[1, c] * out[7] + pose[2, c] * out[8]
-                )
-                if lit:
-                    images.colour[y, x, c] = out[c]
-                    images.albedo[y, x, c] = out[3 + c]
+            r = 0
+            for y in range(top, bottom):
+                for x in range(left, right):
+                    i = batch.hit[r]
+                    images.depth[y, x] = batch.t[r] if i >= 0 else 0.0
+                    images.thing[y, x] = solids.thing[i] if i >= 0 else -1
+                    images.key[y, x] = batch.key[r]
+                    for c in range(3):
+                        images.normal[y, x, c] = (
+                            poses[y, 0, c] * batch.out[6, r]
+                            + poses[y, 1, c] * batch.out[7, r]
+                            + poses[y, 2, c] * batch.out[8, r]
+                        )
+                        if lit:
+                            images.colour[y, x, c] = batch.out[c, r]
+                            images.albedo[y, x, c] = batch.out[3 + c, r]
+                    r += 1
 
 
 @compiled
@@ -699,9 +909,27 @@ def _differs(images: Images, y: int, x: int, v: int, u: int) -> bool:
 
 
 @compiled
+def _mark(images: Images, edge: I32, first: int, last: int) -> None:
+    """Mark, row by row, the pixels next to which an edge runs."""
+    height, width = images.depth.shape
+    edge[:] = 0
+    for y in range(first, last):
+        for x in range(width):
+            if x + 1 < width and _differs(images, y, x, y, x + 1):
+                edge[y - first, x] = edge[y - first, x + 1] = 1
+            if y + 1 < height and _differs(images, y, x, y + 1, x):
+                edge[y - first, x] = 1
+                if y + 1 < last:
+                    edge[y + 1 - first, x] = 1
+            if y == first and y > 0 and _differs(images, y, x, y - 1, x):
+                edge[0, x] = 1
+
+
+@compiled
 def smooth_rows(
     first: int,
     last: int,
+    tile: int,
     rays: F64,
     pixel: F64,
     poses: F64,
@@ -711,78 +939,80 @@ def smooth_rows(
     background: F64,
     samples: int,
     images: Images,
-) -> int:
+) -> None:
     """Average samples x samples rays in the pixels of some rows where an edge runs.
 
     Only colour is averaged: depth, normal and albedo stay those of the pixel's centre. The
-    arguments are those of `trace_rows`; what is given back is the number of such pixels.
+    arguments are those of `trace_rows`; samples is at most 8.
     """
-    stack = np.empty(STACK, np.int32)
-    out = np.zeros(9)
-    height, width = images.depth.shape
-    found = 0
-    for y in range(first, last):
-        pose = poses[y]
-        for x in range(width):
-            edge = (
-                (x > 0 and _differs(images, y, x, y, x - 1))
-                or (x + 1 < width and _differs(images, y, x, y, x + 1))
-                or (y > 0 and _differs(images, y, x, y - 1, x))
-                or (y + 1 < height and _differs(images, y, x, y + 1, x))
-            )
-            if not edge:
+    batch = _batch()
+    width = images.depth.shape[1]
+    edge = np.empty((last - first, width), np.int32)
+    _mark(images, edge, first, last)
+    across = BATCH // tile
+    square = samples * samples
+    room = BATCH // square
+    for top in range(first, last, tile):
+        bottom = min(top + tile, last)
+        for left in range(0, width, across):
+            right = min(left + across, width)
+            found = 0
+            for y in range(top, bottom):
+                for x in range(left, right):
+                    found += edge[y - first, x]
+            if found == 0:
                 continue
-            found += 1
-            # How the ray turns within this pixel, lens distortion included.
-            left, right = max(x - 1, 0), min(x + 1, width - 1)
-            up, down = max(y - 1, 0), min(y + 1, height - 1)
-            ax = (rays[y, right, 0] - rays[y, left, 0]) / max(right - left, 1)
-            ay = (rays[y, right, 1] - rays[y, left, 1]) / max(right - left, 1)
-            bx = (rays[down, x, 0] - rays[up, x, 0]) / max(down - up, 1)
-            by = (rays[down, x, 1] - rays[up, x, 1]) / max(down - up, 1)
-            red, green, blue = 0.0, 0.0, 0.0
-            guess = -1
-            for k in range(samples * samples):
-                ex = (k % samples + 0.5) / samples - 0.5
-                ey = (k // samples + 0.5) / samples - 0.5
-                a = rays[y, x, 0] + ex * ax + ey * bx
-                b = rays[y, x, 1] + ex * ay + ey * by
-                dx = pose[0, 0] * a + pose[0, 1] * b + pose[0, 2]
-                dy = pose[1, 0] * a + pose[1, 1] * b + pose[1, 2]
-                dz = pose[2, 0] * a + pose[2, 1] * b + pose[2, 2]
-                t, i = _nearest(
-                    solids, pose[0, 3], pose[1, 3], pose[2, 3], dx, dy, dz, guess, stack
-                )
-                guess = i
-                if i < 0:
-                    red, green, blue = (
-                        red + background[0],
-                        green + background[1],
-                        blue + background[2],
-                    )
-                    continue
-                _shade(
-                    solids,
-                    paint,
-                    lamps,
-                    i,
-                    t,
-                    pose,
-                    dx,
-                    dy,
-                    dz,
-                    pixel[0] / samples,
-                    pixel[1] / samples,
-                    True,
-                    stack,
-                    out,
-                )
-                red, green, blue = red + out[0], green + out[1], blue + out[2]
-            count = samples * samples
-            images.colour[y, x, 0] = red / count
-            images.colour[y, x, 1] = green / count
-            images.colour[y, x, 2] = blue / count
-    return found
+            x0, x1, y0, y1 = _frustum(rays, pixel, top, bottom, left, right)
+            seen = _gather(solids, poses, top, x0, x1, y0, y1, batch)
+            waiting = 0
+            for y in range(top, bottom):
+                for x in range(left, right):
+                    if edge[y - first, x] != 0:
+                        batch.pixel[waiting, 0], batch.pixel[waiting, 1] = y, x
+                        _split(rays, y, x, samples, batch, waiting * square)
+                        waiting += 1
+                        found -= 1
+                    if waiting == room or (waiting > 0 and found == 0):
+                        count = waiting * square
+                        _hit(solids, poses, top, seen, batch, count)
+                        _shade(
+                            solids,
+                            paint,
+                            lamps,
+                            poses,
+                            top,
+                            pixel[0] / samples,
+                            pixel[1] / samples,
+                            background,
+                            True,
+                            batch,
+                            count,
+                        )
+                        for k in range(waiting):
+                            for c in range(3):
+                                total = 0.0
+                                for r in range(k * square, (k + 1) * square):
+                                    total += batch.out[c, r]
+                                v, u = batch.pixel[k, 0], batch.pixel[k, 1]
+                                images.colour[v, u, c] = total / square
+                        waiting = 0
+
+
+@compiled
+def _split(rays: F64, y: int, x: int, samples: int, batch: Batch, start: int) -> None:
+    """Put the rays of a pixel's samples into a batch, lens distortion included."""
+    height, width = rays.shape[0], rays.shape[1]
+    left, right = max(x - 1, 0), min(x + 1, width - 1)
+    up, down = max(y - 1, 0), min(y + 1, height - 1)
+    ax = (rays[y, right, 0] - rays[y, left, 0]) / max(right - left, 1)
+    ay = (rays[y, right, 1] - rays[y, left, 1]) / max(right - left, 1)
+    bx = (rays[down, x, 0] - rays[up, x, 0]) / max(down - up, 1)
+    by = (rays[down, x, 1] - rays[up, x, 1]) / max(down - up, 1)
+    for k in range(samples * samples):
+        ex = (k % samples + 0.5) / samples - 0.5
+        ey = (k // samples + 0.5) / samples - 0.5
+        batch.a[start + k] = rays[y, x, 0] + ex * ax + ey * bx
+        batch.b[start + k] = rays[y, x, 1] + ex * ay + ey * by
 
 
 # --- the tree ------------------------------------------------------------------------------------

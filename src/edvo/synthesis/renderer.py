@@ -99,8 +99,10 @@ class Renderer:
         samples: int = 4,
         threads: int | None = None,
     ) -> None:
-        if samples < 1 or (threads is not None and threads < 1):
-            raise SceneError(f"samples {samples}, threads {threads}; both must be at least 1")
+        if not 1 <= samples <= 8 or (threads is not None and threads < 1):
+            raise SceneError(
+                f"samples {samples}, threads {threads}; samples must be 1 to 8, threads at least 1"
+            )
         self.world = scene if isinstance(scene, World) else World(scene)
         self.camera = camera
         self.light: LightState = self.world.scene.lights.state()
@@ -207,12 +209,14 @@ class Renderer:
             np.empty(size, np.int32),
         )
         lamps, paint = _lamps(light), self.world.paint
+        tile = _BAND if bool((poses[1:] == poses[:-1]).all()) else 1
 
         def trace(first: int) -> None:
             last = min(first + _BAND, size[0])
             kernels.trace_rows(
                 first,
                 last,
+                tile,
                 self._rays,
                 self._pixel,
                 poses,
@@ -229,6 +233,7 @@ class Renderer:
             kernels.smooth_rows(
                 first,
                 last,
+                tile,
                 self._rays,
                 self._pixel,
                 poses,
