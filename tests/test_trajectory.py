@@ -93,7 +93,11 @@ def test_a_bad_row_is_named_by_file_and_line(tmp_path, row, words):
 def test_missing_empty_and_binary_files_are_refused(tmp_path):
     (tmp_path / "empty.txt").write_text("# nothing\n")
     (tmp_path / "binary.txt").write_bytes(b"\x89PNG\xff\xfe\x00")
-    for name, words in [("no.txt", "cannot read"), ("empty.txt", "no poses"), ("binary.txt", "no text")]:
+    for name, words in [
+        ("no.txt", "cannot read"),
+        ("empty.txt", "no poses"),
+        ("binary.txt", "no text"),
+    ]:
         with pytest.raises(TrajectoryError, match=words):
             Trajectory.read(tmp_path / name)
 

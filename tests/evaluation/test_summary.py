@@ -1,0 +1,86 @@
+import json
+
+import numpy as np
+import pytest
+
+from edvo.errors import EvaluationError
+from edvo.evaluation import coverage, evaluate, relative_pose_error, span_coverage
+from edvo.trajectory import Trajectory
+
+
+def test_it_holds_every_error_beside_standing_still(make_pair):
+    reference, estimate = make_pair(11)
+    evaluation = evaluate(reference, estimate, frames=len(estimate) + 6)
+    assert evaluation.rpe.formula == "script"
+    assert evaluation.rpe_sturm.formula == "sturm"
+    assert evaluation.rpe.rmse == relative_pose_error(reference, estimate).rmse
+    assert evaluation.rpe_zero_motion.rmse > 5 * evaluation.rpe.rmse
+    assert evaluation.ate_zero_motion.rmse > 5 * evaluation.ate.rmse
+    assert evaluation.coverage == len(estimate) / (len(estimate) + 6)
+    assert evaluation.notes == ()
+
+
+def test_it_goes_to_json_and_says_what_it_is(make_pair):
+    reference, estimate = make_pair(11)
+    told = json.loads(json.dumps(evaluate(reference, estimate).to_dict()))
+    assert told["rpe"]["delta"] == 1.0
+    assert told["rpe"]["unit"] == "s"
+    assert told["rpe"]["translation_m"]["rmse"] > 0
+    assert told["rpe"]["rotation_deg"]["rmse"] > 0
+    assert told["ate"]["poses"] == len(estimate)
+    assert told["coverage"] is None
+    assert told["span_coverage"] > 0.95
+
+
+def test_standing_still_in_ate_is_the_spread_of_the_truth(make_pair):
+    reference, _ = make_pair(12)
+    evaluation = evaluate(reference, reference)
+    positions = reference.poses[:, :3, 3]
+    spread = np.sqrt(((positions - positions.mean(axis=0)) ** 2).sum(axis=1).mean())
+    assert evaluation.ate_zero_motion.rmse == pytest.approx(spread)
+    assert evaluation.ate.rmse < 1e-12
+
+
+def test_too_short_for_one_error_gets_the_other_with_a_note(make_pair):
+    reference, estimate = make_pair(13)
+    evaluation = evaluate(reference, estimate.between(101.0, 101.5))
+    assert evaluation.rpe is None
+    assert evaluation.rpe_zero_motion is None
+    assert evaluation.ate is not None
+    assert "shorter delta" in evaluation.notes[0]
+    assert evaluation.to_dict()["rpe"] is None
+
+    sparse = Trajectory.from_poses(estimate.timestamps + 0.0049, estimate.poses)
+    evaluation = evaluate(reference, sparse, max_difference=1e-5)
+    assert evaluation.ate is None
+    assert evaluation.rpe is not None
+    assert "absolute" in evaluation.notes[0]
+
+
+def test_nothing_to_compare_is_an_error(make_pair):
+    reference, estimate = make_pair(13)
+    later = Trajectory(estimate.timestamps + 1000, estimate.poses, estimate.stamps)
+    with pytest.raises(EvaluationError, match="nothing to compare"):
+        evaluate(reference, later)
+    with pytest.raises(EvaluationError, match="positive"):
+        evaluate(reference, estimate, delta=-1)
+
+
+def test_coverage_counts_frames():
+    assert coverage(123, 123) == 1.0
+    assert coverage(0, 10) == 0.0
+    for poses, frames in [(11, 10), (0, 0), (-1, 5)]:
+        with pytest.raises(EvaluationError, match="count the frames"):
+            coverage(poses, frames)
+
+
+def test_span_coverage_sees_holes(make_pair):
+    reference, estimate = make_pair(14)
+    assert span_coverage(reference, estimate) == pytest.approx(1.0, abs=0.03)
+    early, late = estimate.between(0, 101.0), estimate.between(103.0, 200.0)
+    holed = Trajectory.from_poses(
+        np.concatenate([early.timestamps, late.timestamps]),
+        np.concatenate([early.poses, late.poses]),
+    )
+    assert span_coverage(reference, holed) == pytest.approx(0.5, abs=0.05)
+    assert span_coverage(reference, Trajectory.from_poses([], [])) == 0.0
