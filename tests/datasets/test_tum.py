@@ -92,6 +92,9 @@ def test_associations_with_frame_numbers_as_in_icl_nuim(make_folder, order):
     np.testing.assert_allclose(source.timestamps, [0, 1 / 30, 2 / 30])
     np.testing.assert_allclose(source.ground_truth.timestamps, source.timestamps)
     assert source.camera.name == "icl-nuim"
+    (folder / "groundtruth.txt").write_text("0.0 0 0 0 0 0 0 1\n0.05 1 0 0 0 0 0 1\n")
+    assert open_source(folder).ground_truth.stamps == ("0.0", "0.05")
+    assert open_source(folder).ground_truth.timestamps[1] == 0.05
     assert "frame numbers" in source.warnings[0]
     # The camera of ICL-NUIM is larger than these images.
     assert "64x48" in source.read(0).problem

@@ -133,7 +133,7 @@ def load_reading(
 
 def _is_cut_short(data: bytes) -> bool:
     if data.startswith(_PNG[: len(data)]):
-        return b"IEND" not in data[-64:] and b"IEND" not in data
+        return b"IEND" not in data[-12:] and b"IEND" not in data  # the end first: it is there
     if data.startswith(_JPEG[: len(data)]):
         # The end marker of a thumbnail in the header stands before the image's own scan.
         return data.rfind(b"\xff\xd9") < max(data.rfind(b"\xff\xda"), 0)

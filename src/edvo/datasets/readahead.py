@@ -5,7 +5,7 @@ lock meanwhile, so that threads are enough to keep every core busy.
 """
 
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 
 from edvo.datasets.source import Reading, Source
@@ -13,7 +13,7 @@ from edvo.datasets.source import Reading, Source
 
 def read_ahead(
     source: Source, indices: Iterable[int], *, workers: int = 2, ahead: int = 8
-) -> Iterator[Reading]:
+) -> Generator[Reading, None, None]:
     """Read frames in threads, some way ahead of who takes them.
 
     Parameters
@@ -40,8 +40,8 @@ def read_ahead(
     Notes
     -----
     An exception of `Source.read` is raised where its frame would have been yielded. Closing the
-    iterator, or leaving it by an exception, drops what was not begun and waits for the rest, so
-    that no thread outlives it.
+    generator (``with contextlib.closing(...)``) drops what was not begun and waits for the rest,
+    so that no thread outlives it.
     """
     if workers < 1 or ahead < 1:
         raise ValueError(f"workers ({workers}) and ahead ({ahead}) must be at least 1")
@@ -50,7 +50,7 @@ def read_ahead(
 
 def _read_ahead(
     source: Source, indices: Iterable[int], workers: int, ahead: int
-) -> Iterator[Reading]:
+) -> Generator[Reading, None, None]:
     wanted = iter(indices)
     pending: deque[Future[Reading]] = deque()
     pool = ThreadPoolExecutor(max_workers=workers, thread_name_prefix="edvo-read")

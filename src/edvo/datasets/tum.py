@@ -237,7 +237,7 @@ class TumSource:
             truth = Trajectory.read(file)
         except TrajectoryError as error:
             return None, (f"ground truth not used: {error}",)
-        if self._by_index:
+        if self._by_index and all(_is_index(stamp) for stamp in truth.stamps):
             truth = Trajectory(truth.timestamps / INDEX_RATE_HZ, truth.poses, truth.stamps)
         first, last = truth.timestamps[[0, -1]]
         if first > self.timestamps[-1] or last < self.timestamps[0]:
