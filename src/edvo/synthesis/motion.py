@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -314,9 +315,11 @@ def make_motion(
     """
     if speed is not None and not 0 < speed < float("inf"):
         raise SceneError(f"speed {speed} is not above zero; give metres per second")
-    start = look_at(*ClosedSpline(
-        np.array(path.points), closed=path.closed, companion=np.array(path.targets)
-    ).at(0.0))
+    start = look_at(
+        *ClosedSpline(
+            np.array(path.points), closed=path.closed, companion=np.array(path.targets)
+        ).at(0.0)
+    )
     pace = path.speed if speed is None else speed
     if kind == "handheld":
         return HandHeld(path, speed=pace, seed=seed)
@@ -328,7 +331,7 @@ def make_motion(
         return PureRotation(start, speed=0.5 if speed is None else speed)
     if kind == "jerk":
         return Jerk(HandHeld(path, speed=pace, seed=seed), seed=seed)
-    if os.path.splitext(os.fspath(kind))[1]:
+    if Path(kind).suffix:
         trajectory = Trajectory.read(kind)
         if len(trajectory) < 2:
             raise SceneError(f"{kind}: too few poses to move along; give at least two")

@@ -252,12 +252,12 @@ class Lights(_Entry):
         return LightState(
             self.ambient,
             tuple(
-                DirectionalLight(x.direction, x.intensity, x.angle * 0.017453292519943295, x.shadows)
+                DirectionalLight(
+                    x.direction, x.intensity, x.angle * 0.017453292519943295, x.shadows
+                )
                 for x in self.directional
             ),
-            tuple(
-                PointLight(x.position, x.intensity, x.radius, x.shadows) for x in self.point
-            ),
+            tuple(PointLight(x.position, x.intensity, x.radius, x.shadows) for x in self.point),
         )
 
 
@@ -366,7 +366,8 @@ def load_scene(scene: str | Path) -> Scene:
     Parameters
     ----------
     scene : str or path
-        A name of `scene_names`, or a YAML file.
+        A name of `scene_names`, or a YAML file. A file with ``like: NAME`` starts from the
+        packaged scene of that name; its own entries then replace whole entries of it.
 
     Returns
     -------
@@ -380,24 +381,35 @@ def load_scene(scene: str | Path) -> Scene:
     """
     path = Path(scene)
     if path.suffix.lower() in (".yaml", ".yml"):
-        name, folder = str(path), str(path.parent)
         try:
             text = path.read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
             reason = getattr(error, "strerror", None) or "no text file"
             raise SceneError(f"cannot read {path}: {reason}; give a scene in YAML") from error
-    elif str(scene) in scene_names():
-        name, folder = str(scene), "."
-        packaged = resources.files("edvo.synthesis") / "scenes" / f"{name}.yaml"
-        text = packaged.read_text(encoding="utf-8")
+        data, folder = _parse(text, str(path)), str(path.parent)
     else:
+        data, folder = _packaged(str(scene)), "."
+    while isinstance(data, dict) and "like" in data:
+        own = {key: value for key, value in data.items() if key != "like"}
+        data = {**_packaged(str(data["like"])), **own}
+    return Scene.from_dict(data, where=str(scene), folder=folder)
+
+
+def _packaged(name: str) -> dict[str, Any]:
+    """Give the data of a scene that comes with the package."""
+    if name not in scene_names():
         raise SceneError(
-            f"no scene {str(scene)!r}; there are {', '.join(scene_names())}, "
+            f"no scene {name!r}; there are {', '.join(scene_names())}, "
             "or give a YAML file of your own"
         )
+    file = resources.files("edvo.synthesis") / "scenes" / f"{name}.yaml"
+    data: dict[str, Any] = _parse(file.read_text(encoding="utf-8"), name)
+    return data
+
+
+def _parse(text: str, where: str) -> Any:
+    """Read YAML, with an error that names the file."""
     try:
-        data = yaml.safe_load(text)
+        return yaml.safe_load(text)
     except yaml.YAMLError as error:
-        reason = " ".join(str(error).split())
-        raise SceneError(f"{name}: not YAML: {reason}") from error
-    return Scene.from_dict(data, where=name, folder=folder)
+        raise SceneError(f"{where}: not YAML: {' '.join(str(error).split())}") from error
