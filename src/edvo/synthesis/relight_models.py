@@ -104,14 +104,70 @@ class LightModel:
     needs_depth: bool = False
 
 
+def ambient_gain(settings: Settings, t: float) -> float:
+    """Give the factor on all light at an instant, of the paper's ambient model.
+
+    Parameters
+    ----------
+    settings : Settings
+        Severity, frequency, seed and jumps.
+    t : float
+        Seconds.
+
+    Returns
+    -------
+    float
+        Its logarithm swings between -2.5 and +0.25 photographic stops at the hardest, and jumps
+        by at most one stop. Images are mostly exposed as bright as they can be: much more light
+        would only make them white.
+    """
+    stops = -1.125 + 1.375 * Swing(settings.frequency).at(t)
+    stops += 0.5 * Jumps(settings.seed, settings.jumps).at(t)
+    return float(2.0 ** (settings.severity * stops))
+
+
+def exposure_gain(settings: Settings, t: float) -> float:
+    """Give the factor on all light at an instant, of steps as large as two stops either way.
+
+    Parameters
+    ----------
+    settings : Settings
+        Severity, steps a second, seed and jumps.
+    t : float
+        Seconds.
+
+    Returns
+    -------
+    float
+        Constant between the steps.
+    """
+    steps = Jumps(settings.seed, settings.jumps, interval=1 / settings.frequency)
+    return float(2.0 ** (2.0 * settings.severity * steps.at(t)))
+
+
+def fade_gain(settings: Settings, t: float) -> float:
+    """Give the factor on all light at an instant, of a slow fall by up to six stops and back.
+
+    Parameters
+    ----------
+    settings : Settings
+        Severity and frequency.
+    t : float
+        Seconds.
+
+    Returns
+    -------
+    float
+        1 at the start.
+    """
+    dark = 0.5 - 0.5 * cos(2 * pi * settings.frequency * t)
+    return float(2.0 ** (-6.0 * settings.severity * dark))
+
+
 def _ambient(
     settings: Settings, t: float, size: tuple[int, int], surface: Surface | None
 ) -> Effect:
-    # In photographic stops: -2.5 to +0.25 at the hardest, and 0.5 either way by the jumps. Images
-    # are mostly exposed as bright as they can be: much more light would only make them white.
-    stops = -1.125 + 1.375 * Swing(settings.frequency).at(t)
-    stops += 0.5 * Jumps(settings.seed, settings.jumps).at(t)
-    return Effect(gain=float(2.0 ** (settings.severity * stops)))
+    return Effect(gain=ambient_gain(settings, t))
 
 
 def _diffuse(
@@ -147,8 +203,7 @@ def _quadrants(
 def _exposure(
     settings: Settings, t: float, size: tuple[int, int], surface: Surface | None
 ) -> Effect:
-    steps = Jumps(settings.seed, settings.jumps, interval=1 / settings.frequency)
-    return Effect(gain=float(2.0 ** (2.0 * settings.severity * steps.at(t))))
+    return Effect(gain=exposure_gain(settings, t))
 
 
 def _gamma(settings: Settings, t: float, size: tuple[int, int], surface: Surface | None) -> Effect:
@@ -180,8 +235,7 @@ def _spotlight(
 
 
 def _fade(settings: Settings, t: float, size: tuple[int, int], surface: Surface | None) -> Effect:
-    dark = 0.5 - 0.5 * cos(2 * pi * settings.frequency * t)
-    return Effect(gain=float(2.0 ** (-6.0 * settings.severity * dark)), noise=settings.severity)
+    return Effect(gain=fade_gain(settings, t), noise=settings.severity)
 
 
 def _image_coordinates(size: tuple[int, int]) -> tuple[Field, Field]:
