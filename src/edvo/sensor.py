@@ -47,8 +47,8 @@ class StructuredLightNoise:
 
     Notes
     -----
-    The defaults are the axial model of [1]_, fitted to a plane between 0.4 m and 5 m that is turned less
-    than 60 degrees away from the camera. They hold the quantisation of the disparity.
+    The defaults are the axial model of [1]_, fitted to a plane that is turned less than 60 degrees
+    away from the camera. They hold the quantisation of the disparity.
 
     .. [1] C. V. Nguyen, S. Izadi, D. Lovell, "Modeling Kinect sensor noise for improved 3D
        reconstruction and tracking", 3DIMPVT 2012, doi:10.1109/3DIMPVT.2012.84.
