@@ -249,7 +249,7 @@ class Trajectory:
             )
         after = int(np.searchsorted(self.timestamps, time, side="left"))
         if self.timestamps[after] == time:
-            return self.poses[after].copy()
+            return np.array(self.poses[after])
         before = after - 1
         alpha = (time - self.timestamps[before]) / (
             self.timestamps[after] - self.timestamps[before]
