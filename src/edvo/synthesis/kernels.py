@@ -154,7 +154,7 @@ def _cloud(x: float, y: float, wx: float, wy: float, octaves: int, seed: int) ->
 def _wave(x: float, w: float) -> float:
     """Average a square wave of period 2 over a width w."""
     high, low = (x + 0.5 * w) % 2.0, (x - 0.5 * w) % 2.0
-    area = (high if high < 1.0 else 2.0 - high) - (low if low < 1.0 else 2.0 - low)
+    area: float = (high if high < 1.0 else 2.0 - high) - (low if low < 1.0 else 2.0 - low)
     return area / w
 
 
@@ -448,58 +448,6 @@ def _blocked(
     return False
 
 
-@compiled
-def _unshadowed(
-    solids: Solids,
-    px: float,
-    py: float,
-    pz: float,
-    lx: float,
-    ly: float,
-    lz: float,
-    size: float,
-    far: float,
-    stack: I32,
-) -> float:
-    """Give the share of a lamp that is seen from a point; 16 points on its disc, if 4 disagree."""
-    if size <= 0.0:
-        return 0.0 if _blocked(solids, px, py, pz, lx, ly, lz, far, stack) else 1.0
-    length = np.sqrt(lx * lx + ly * ly + lz * lz)
-    if abs(lz) < 0.9 * length:
-        ax, ay, az = ly, -lx, 0.0
-    else:
-        ax, ay, az = 0.0, lz, -ly
-    norm = np.sqrt(ax * ax + ay * ay + az * az)
-    ax, ay, az = ax / norm, ay / norm, az / norm
-    bx, by, bz = (
-        (ly * az - lz * ay) / length,
-        (lz * ax - lx * az) / length,
-        (lx * ay - ly * ax) / length,
-    )
-    seen, tried = 0, 0
-    for k in range(16):
-        # A sunflower: golden angle, equal areas; the outermost four come first.
-        radius = size * np.sqrt((15.5 - k) / 16.0)
-        turn = 2.399963229728653 * k
-        c, s = radius * np.cos(turn), radius * np.sin(turn)
-        tried += 1
-        if not _blocked(
-            solids,
-            px,
-            py,
-            pz,
-            lx + c * ax + s * bx,
-            ly + c * ay + s * by,
-            lz + c * az + s * bz,
-            far,
-            stack,
-        ):
-            seen += 1
-        if k == 3 and (seen == 0 or seen == 4):
-            break
-    return seen / tried
-
-
 # --- batches of rays -----------------------------------------------------------------------------
 # A call costs as much as a ray, so rays go through in batches that share their origin: those of a
 # tile of the image. What a tile can see at all is gathered once, by its frustum.
@@ -517,11 +465,13 @@ class Batch(NamedTuple):
     key: I32  # (B,) surface and shadow
     pixel: I32  # (B, 2) row and column
     seen: I32  # (MOST,) primitives in the tile's frustum
+    between: I32  # (MOST,) primitives that may stand between the tile and a lamp
+    visible: F64  # (L, B) share of each lamp that each hit sees
     stack: I32
 
 
 @compiled
-def _batch() -> Batch:
+def _batch(lamps: int) -> Batch:
     """Make room for a batch."""
     return Batch(
         np.empty(BATCH),
@@ -533,6 +483,8 @@ def _batch() -> Batch:
         np.empty(BATCH, np.int32),
         np.empty((BATCH, 2), np.int32),
         np.empty(MOST, np.int32),
+        np.empty(MOST, np.int32),
+        np.ones((lamps, BATCH)),
         np.empty(STACK, np.int32),
     )
 
@@ -643,6 +595,118 @@ def _hit(solids: Solids, poses: F64, row: int, seen: int, batch: Batch, count: i
 
 
 @compiled
+def _shaft(
+    solids: Solids, poses: F64, row: int, lamp: F64, n: int, batch: Batch, count: int
+) -> int:
+    """Collect what may stand between a batch's hits and a lamp; -1 if it is more than ``MOST``."""
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for r in range(count):
+        if batch.hit[r] >= 0:
+            for c in range(3):
+                x = poses[row, c, 3] + batch.t[r] * batch.direction[c, r]
+                low[c], high[c] = min(low[c], x), max(high[c], x)
+    if not low[0] <= high[0]:
+        return 0
+    far = 1.0 if lamp[n, 0] == 1.0 else np.inf
+    middle, half, inverse = np.empty(3), np.empty(3), np.empty(3)
+    for c in range(3):
+        middle[c], half[c] = 0.5 * (low[c] + high[c]), 0.5 * (high[c] - low[c]) + 1e-5
+        towards = lamp[n, 1 + c] - middle[c] if lamp[n, 0] == 1.0 else -lamp[n, 1 + c]
+        inverse[c] = _inverse(towards)
+    node, link, stack = solids.node, solids.link, batch.stack
+    stack[0], top, found = 0, 1, 0
+    while top > 0:
+        top -= 1
+        at = stack[top]
+        # The hits' box moves towards the lamp, and widens to the lamp's own size: it meets the
+        # node's box if its middle meets that box grown by as much.
+        reach = 0.0
+        for c in range(3):
+            reach += max(abs(node[at, c] - middle[c]), abs(node[at, 3 + c] - middle[c])) ** 2
+        grow = lamp[n, 5] * (1.0 if lamp[n, 0] == 1.0 else np.sqrt(reach))
+        near, leave = 0.0, far
+        for c in range(3):
+            x = (node[at, c] - half[c] - grow - middle[c]) * inverse[c]
+            y = (node[at, 3 + c] + half[c] + grow - middle[c]) * inverse[c]
+            near, leave = max(near, min(x, y)), min(leave, max(x, y))
+        if near > leave:
+            continue
+        first, many = link[at, 0], link[at, 1]
+        if many == 0:
+            stack[top], stack[top + 1] = first, first + 1
+            top += 2
+            continue
+        if found + many > MOST:
+            return -1
+        for k in range(first, first + many):
+            batch.between[found] = solids.order[k]
+            found += 1
+    return found
+
+
+@compiled
+def _shadows(
+    solids: Solids, poses: F64, row: int, lamp: F64, n: int, batch: Batch, count: int
+) -> None:
+    """Find the share of a lamp that each hit sees: 16 points of its disc, if 4 disagree."""
+    found = _shaft(solids, poses, row, lamp, n, batch, count)
+    shape, between = solids.shape, batch.between
+    size = lamp[n, 5]
+    disc = np.empty((16 if size > 0.0 else 1, 2))
+    for k in range(disc.shape[0]):
+        # A sunflower: golden angle, equal areas; the outermost four come first.
+        radius, turn = size * np.sqrt((15.5 - k) / 16.0), 2.399963229728653 * k
+        disc[k, 0], disc[k, 1] = radius * np.cos(turn), radius * np.sin(turn)
+    for ray in range(count):
+        batch.visible[n, ray] = 1.0
+        i = batch.hit[ray]
+        if i < 0 or found == 0:
+            continue
+        dx, dy, dz = batch.direction[0, ray], batch.direction[1, ray], batch.direction[2, ray]
+        px = poses[row, 0, 3] + batch.t[ray] * dx
+        py = poses[row, 1, 3] + batch.t[ray] * dy
+        pz = poses[row, 2, 3] + batch.t[ray] * dz
+        lx, ly, lz, far = -lamp[n, 1], -lamp[n, 2], -lamp[n, 3], np.inf
+        if lamp[n, 0] == 1.0:
+            lx, ly, lz, far = -lx - px, -ly - py, -lz - pz, 1.0
+        if solids.kind[i] != CYLINDER:
+            away = shape[i, 0] * dx + shape[i, 1] * dy + shape[i, 2] * dz
+            if away * (shape[i, 0] * lx + shape[i, 1] * ly + shape[i, 2] * lz) >= 0.0:
+                continue  # lit from behind, if at all
+        length = np.sqrt(lx * lx + ly * ly + lz * lz)
+        # A step towards the lamp, or a surface would shade itself.
+        lift = 1e-6 / max(length, 1e-6)
+        px, py, pz = px + lift * lx, py + lift * ly, pz + lift * lz
+        if abs(lz) < 0.9 * length:
+            ax, ay, az = ly, -lx, 0.0
+        else:
+            ax, ay, az = 0.0, lz, -ly
+        norm = max(np.sqrt(ax * ax + ay * ay + az * az), 1e-300)
+        ax, ay, az = ax / norm, ay / norm, az / norm
+        bx, by, bz = ly * az - lz * ay, lz * ax - lx * az, lx * ay - ly * ax
+        bx, by, bz = bx / length, by / length, bz / length
+        seen, tried = 0, 0
+        for k in range(disc.shape[0]):
+            c, s = disc[k, 0], disc[k, 1]
+            x, y, z = lx + c * ax + s * bx, ly + c * ay + s * by, lz + c * az + s * bz
+            dark = False
+            if found < 0:
+                dark = _blocked(solids, px, py, pz, x, y, z, far, batch.stack)
+            else:
+                for j in range(found):
+                    other = between[j]
+                    if _meet(solids.kind[other], shape, other, px, py, pz, x, y, z, far) > 0.0:
+                        dark = True
+                        break
+            tried += 1
+            if not dark:
+                seen += 1
+            if k == 3 and (seen == 0 or seen == 4):
+                break
+        batch.visible[n, ray] = seen / tried
+
+
+@compiled
 def _shade(
     solids: Solids,
     paint: Paint,
@@ -658,6 +722,10 @@ def _shade(
 ) -> None:
     """Write colour, albedo, normal and key of each ray of a batch."""
     s, g, out, lamp = solids.shape, solids.grain, batch.out, lamps.lamp
+    if lit:
+        for n in range(lamp.shape[0]):
+            if lamp[n, 6] != 0.0:
+                _shadows(solids, poses, row, lamp, n, batch, count)
     ox, oy, oz = poses[row, 0, 3], poses[row, 1, 3], poses[row, 2, 3]
     for ray in range(count):
         i = batch.hit[ray]
@@ -745,10 +813,10 @@ def _shade(
 
         light, shine = lamps.ambient + paint.gloss[k, 2], 0.0
         for n in range(lamp.shape[0]):
-            strength, far, length = lamp[n, 4], np.inf, 1.0
+            strength, length = lamp[n, 4], 1.0
             lx, ly, lz = -lamp[n, 1], -lamp[n, 2], -lamp[n, 3]
             if lamp[n, 0] == 1.0:
-                lx, ly, lz, far = -lx - px, -ly - py, -lz - pz, 1.0
+                lx, ly, lz = -lx - px, -ly - py, -lz - pz
                 square = max(lx * lx + ly * ly + lz * lz, 1e-12)
                 length = np.sqrt(square)
                 strength /= square
@@ -756,23 +824,9 @@ def _shade(
             if facing <= 0.0 or strength == 0.0:
                 continue
             if lamp[n, 6] != 0.0:
-                # Lifted off the surface, or it would shade itself.
-                lift = 1e-6 * (1.0 + t)
-                seen = _unshadowed(
-                    solids,
-                    px + lift * nx,
-                    py + lift * ny,
-                    pz + lift * nz,
-                    lx,
-                    ly,
-                    lz,
-                    lamp[n, 5],
-                    far,
-                    batch.stack,
-                )
-                if lamp[n, 5] <= 0.0 and seen == 0.0:
+                if lamp[n, 5] <= 0.0 and batch.visible[n, ray] == 0.0:
                     key ^= 1 << (n % 6)
-                strength *= seen
+                strength *= batch.visible[n, ray]
             light += strength * facing
             if paint.gloss[k, 0] > 0.0:
                 # Blinn-Phong
@@ -844,7 +898,7 @@ def trace_rows(
     images : Images
         Written.
     """
-    batch = _batch()
+    batch = _batch(lamps.lamp.shape[0])
     width = rays.shape[1]
     across = BATCH // tile
     for top in range(first, last, tile):
@@ -945,7 +999,7 @@ def smooth_rows(
     Only colour is averaged: depth, normal and albedo stay those of the pixel's centre. The
     arguments are those of `trace_rows`; samples is at most 8.
     """
-    batch = _batch()
+    batch = _batch(lamps.lamp.shape[0])
     width = images.depth.shape[1]
     edge = np.empty((last - first, width), np.int32)
     _mark(images, edge, first, last)

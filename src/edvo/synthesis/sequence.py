@@ -401,7 +401,7 @@ def write_sequence(
 
     def write(index: int) -> None:
         view = source.render(index)
-        colour = cv2.cvtColor(source.colour(index, view), cv2.COLOR_RGB2BGR)
+        colour = source.colour(index, view)[:, :, ::-1]
         _write_png(target / _file("rgb", recipe.colour_times[index]), colour)
         depth = source.depth(index, view)
         _write_png(target / _file("depth", recipe.depth_times[index]), depth)
@@ -437,8 +437,8 @@ def _list(kind: str, times: Sequence[float] | NDArray[np.float64]) -> str:
     return "\n".join(rows) + "\n"
 
 
-def _write_png(path: Path, image: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
-    done, data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 3])
+def _write_png(path: Path, image: NDArray[Any]) -> None:
+    done, data = cv2.imencode(".png", np.ascontiguousarray(image), [cv2.IMWRITE_PNG_COMPRESSION, 3])
     if not done:
         raise OutputError(f"cannot encode {path}; this is no image size for PNG")
     write_atomically(path, data.tobytes())
