@@ -1,0 +1,396 @@
+"""Every parameter, once: its unit, its default, where it comes from, and the presets.
+
+The defaults written here are the preset ``default``: the best values known by measurement over
+all sequences at hand. The preset ``paper`` is the method as published; where the paper says
+nothing, the choice and its reason stand here, and its measured worth in docs/theory.
+"""
+
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+
+from edvo.errors import ConfigError
+from edvo.files import write_atomically
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Fraction = Annotated[float, Field(ge=0, le=1)]
+
+
+class Section(BaseModel):
+    """A group of parameters: no key that is not known, no change once made."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True)
+
+
+class EdgesConfig(Section):
+    """Edge extraction, §III-A."""
+
+    extractor: Literal["canny", "sobel", "dog"] = Field(
+        default="canny", description="which edges; the paper compares the three and takes Canny"
+    )
+    blur_px: Annotated[int, Field(ge=0, le=31)] = Field(
+        default=5, description="size of the Gaussian kernel before the gradient, odd; 0 for none"
+    )
+    low: Positive = Field(
+        default=20.0,
+        description="Canny's lower threshold on |Sobel u| + |Sobel v|; low thresholds matter where "
+        "texture is missing: 20/40 against 50/100 is .0105 against .0180 m/s on plain panels",
+    )
+    high: Positive = Field(default=40.0, description="Canny's upper threshold, same unit")
+    sobel_threshold: Positive = Field(
+        default=120.0,
+        description="extractor sobel: an edge where |Sobel u| + |Sobel v| exceeds this",
+    )
+    dog_sigma_px: Positive = Field(
+        default=1.0,
+        description="extractor dog: the narrower Gaussian; the wider is 1.6 times as wide",
+    )
+    dog_contrast: Positive = Field(
+        default=3.0,
+        description="extractor dog: least step of the difference across a zero crossing, grey",
+    )
+    depth_window_px: Annotated[int, Field(ge=1, le=15)] = Field(
+        default=5, description="side of the window that the depth of an edge is taken from, odd"
+    )
+    depth_gap: Positive = Field(
+        default=0.05,
+        description="relative depth step that separates two surfaces; the near one owns the edge",
+    )
+
+    @field_validator("blur_px", "depth_window_px")
+    @classmethod
+    def _odd(cls, value: int) -> int:
+        if value and value % 2 == 0:
+            raise ValueError("must be odd")
+        return value
+
+
+class SamplingConfig(Section):
+    """Sub-sampling of the current edges, §IV-A."""
+
+    count: Annotated[int, Field(ge=0)] = Field(
+        default=450,
+        description="N; the paper finds 400 to 500 reasonable (Fig. 6). 0 takes all edges",
+    )
+    cell_px: Annotated[int, Field(ge=1)] = Field(
+        default=80, description="side of a grid cell; not in the paper. 48 cells at 640 x 480"
+    )
+    per_cell: Annotated[int, Field(ge=0)] = Field(
+        default=5,
+        description="edges drawn from each cell before the rest; 'at least five' in the paper",
+    )
+
+
+class MatchingConfig(Section):
+    """Edge matching, §III-B."""
+
+    criterion: Literal["robust-then-normal", "robust", "normal"] = Field(
+        default="robust-then-normal",
+        description="Eq. (6) first and plain distance to finish (§V-B)",
+    )
+    gamma: Annotated[float, Field(ge=0)] = Field(
+        default=0.7, description="weight of the gradient direction in Eq. (6)"
+    )
+    switch_px: Positive = Field(
+        default=0.5,
+        description="the normal criterion takes over once a step changes the residuals by less "
+        "(rms); not in the paper",
+    )
+    max_distance_px: Positive = Field(
+        default=30.0, description="a match further away is none; not in the paper"
+    )
+    max_angle_deg: Annotated[float, Field(gt=0, le=180)] = Field(
+        default=180.0,
+        description="a match whose gradient turns by more is none; 180 rejects nothing",
+    )
+    cell_px: Positive = Field(
+        default=8.0, description="cell of the search grid; a matter of speed only"
+    )
+
+
+class RegistrationConfig(Section):
+    """2-D edge divergence minimization, §III-C and §IV-B."""
+
+    residual: Literal["divergence", "distance"] = Field(
+        default="divergence",
+        description="Eq. (12); or the unsigned Eq. (5) that the paper argues against",
+    )
+    weight: Literal["t", "huber", "cauchy", "tukey", "none"] = Field(
+        default="t",
+        description="robust weight function; the paper takes the t-distribution (§IV-B)",
+    )
+    nu: Positive = Field(
+        default=2.0, description="degrees of freedom of the t-distribution (§IV-B)"
+    )
+    min_sigma_px: Positive = Field(
+        default=1e-3, description="floor of the scale, against an exact fit of a few residuals"
+    )
+    min_matches: Annotated[int, Field(ge=6)] = Field(
+        default=30, description="fewer matches than this are no registration"
+    )
+    max_iterations: Annotated[int, Field(ge=1)] = Field(
+        default=50, description="trial steps a frame; the paper sees 18.7 +- 5.4 (Fig. 9)"
+    )
+    stop_px: Positive = Field(
+        default=0.01, description="converged once a step changes the residuals by less (rms)"
+    )
+    stop_decrease: Annotated[float, Field(ge=0)] = Field(
+        default=1e-4, description="converged once a step lowers the cost by less, relative"
+    )
+    damping: Positive = Field(
+        default=1e-4, description="lambda of Eq. (14) at the start of each stage"
+    )
+    damping_up: Annotated[float, Field(gt=1)] = Field(
+        default=10.0, description="on a rejected step"
+    )
+    damping_down: Annotated[float, Field(gt=0, lt=1)] = Field(
+        default=0.1, description="on an accepted one"
+    )
+    max_rejections: Annotated[int, Field(ge=0)] = Field(
+        default=3, description="rejected steps in a row before a stage ends"
+    )
+
+
+class KeyframesConfig(Section):
+    """The keyframe method, §V-C."""
+
+    rule: Literal["motion", "gap"] = Field(
+        default="motion", description="by motion and overlap, or every so many frames (Fig. 10)"
+    )
+    gap_frames: Annotated[int, Field(ge=1)] = Field(
+        default=10, description="rule gap: frames a keyframe"
+    )
+    max_translation_m: Positive = Field(default=0.10, description="rule motion: from the keyframe")
+    max_rotation_deg: Positive = Field(default=8.0, description="rule motion: from the keyframe")
+    min_overlap: Fraction = Field(
+        default=0.6, description="rule motion: least share of samples that find a match"
+    )
+
+
+class MotionConfig(Section):
+    """What is known of the motion before the images are looked at."""
+
+    prior: Literal["constant-velocity", "still"] = Field(
+        default="constant-velocity",
+        description="where registration starts; constant velocity is checked against standing "
+        "still and the better of the two taken",
+    )
+    prior_stride: Annotated[int, Field(ge=1)] = Field(
+        default=4, description="the check looks at one sample in so many"
+    )
+    max_speed_m_s: Positive = Field(default=5.0, description="a faster pose is an error")
+    max_turn_deg_s: Positive = Field(default=500.0, description="a faster turn is an error")
+
+
+class StatusConfig(Section):
+    """When a pose is not to be trusted."""
+
+    inlier_px: Positive = Field(
+        default=2.0, description="a match with a smaller residual is an inlier"
+    )
+    min_inliers: Fraction = Field(
+        default=0.35,
+        description="share of the samples that are inliers, below which the frame is lost",
+    )
+    doubt_inliers: Fraction = Field(
+        default=0.5, description="share below which a tracked frame is called degraded"
+    )
+
+
+class Config(Section):
+    """Everything the odometry can be told.
+
+    Examples
+    --------
+    >>> Config.preset("paper").sampling.count
+    450
+    >>> Config().with_overrides(["sampling.count=900", "keyframes.rule=gap"]).sampling.count
+    900
+    """
+
+    preset_name: Literal["default", "paper"] = Field(
+        default="default", description="the preset that this was made from"
+    )
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = Field(
+        default=0, description="of the sub-sampling"
+    )
+    edges: EdgesConfig = EdgesConfig()
+    sampling: SamplingConfig = SamplingConfig()
+    matching: MatchingConfig = MatchingConfig()
+    registration: RegistrationConfig = RegistrationConfig()
+    keyframes: KeyframesConfig = KeyframesConfig()
+    motion: MotionConfig = MotionConfig()
+    status: StatusConfig = StatusConfig()
+
+    @classmethod
+    def preset(cls, name: str) -> "Config":
+        """Make the configuration of a preset.
+
+        Parameters
+        ----------
+        name : str
+            ``default`` or ``paper``.
+
+        Returns
+        -------
+        Config
+
+        Raises
+        ------
+        ConfigError
+            If there is no such preset.
+        """
+        if name not in PRESETS:
+            raise ConfigError(f"no preset {name!r}; there are {', '.join(PRESETS)}")
+        return cls.from_dict({"preset_name": name})
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any], *, where: str = "configuration") -> "Config":
+        """Make a configuration from nested keys; what they leave out is the preset's.
+
+        Parameters
+        ----------
+        values : mapping
+            As ``to_dict`` gives them; any part may be missing.
+        where : str
+            What to call them in an error.
+
+        Returns
+        -------
+        Config
+
+        Raises
+        ------
+        ConfigError
+            Naming the first key that is unknown or out of range.
+        """
+        name = values.get("preset_name", "default")
+        base: Mapping[str, Any] = PRESETS.get(name, {}) if isinstance(name, str) else {}
+        try:
+            return cls.model_validate(_merged(base, values))
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            key = ".".join(str(part) for part in first["loc"])
+            if first["type"] == "extra_forbidden":
+                raise ConfigError(f"{where}: unknown key {key!r}; {_known(key)}") from error
+            raise ConfigError(f"{where}: {key} = {first['input']!r}: {first['msg']}") from error
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "Config":
+        """Read a YAML file such as ``to_yaml`` writes.
+
+        Parameters
+        ----------
+        path : path-like
+
+        Returns
+        -------
+        Config
+
+        Raises
+        ------
+        ConfigError
+            If the file cannot be read, is no YAML mapping, or has a bad key or value.
+        """
+        try:
+            values = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+        except OSError as error:
+            raise ConfigError(f"cannot read {path}: {error.strerror or error}") from error
+        except (yaml.YAMLError, UnicodeDecodeError) as error:
+            reason = " ".join(str(error).split())
+            raise ConfigError(f"{path} is no YAML: {reason}") from error
+        if values is None:
+            values = {}
+        if not isinstance(values, dict):
+            raise ConfigError(f"{path}: expected keys such as 'sampling:', got {values!r:.60}")
+        return cls.from_dict(values, where=str(path))
+
+    def with_overrides(self, assignments: Iterable[str]) -> "Config":
+        """Copy with some keys set, as on the command line.
+
+        Parameters
+        ----------
+        assignments : iterable of str
+            Each ``a.b=value``; the value is read as YAML.
+
+        Returns
+        -------
+        Config
+
+        Raises
+        ------
+        ConfigError
+            If one is no assignment, or its key or value is refused.
+        """
+        values = self.to_dict()
+        for assignment in assignments:
+            key, equals, text = assignment.partition("=")
+            if not equals or not key.strip():
+                raise ConfigError(f"{assignment!r} is no KEY=VALUE, such as sampling.count=900")
+            try:
+                value = yaml.safe_load(text)
+            except yaml.YAMLError as error:
+                raise ConfigError(f"{key}: cannot read the value {text!r}") from error
+            node = values
+            *parents, leaf = key.strip().split(".")
+            for parent in parents:
+                child = node.get(parent)
+                if not isinstance(child, dict):
+                    raise ConfigError(f"unknown key {key.strip()!r}; {_known(key.strip())}")
+                node = child
+            node[leaf] = value
+        return self.from_dict(values, where="override")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Nested plain values, every key."""
+        return self.model_dump()
+
+    def to_yaml(self, path: str | os.PathLike[str]) -> None:
+        """Write every key to a YAML file.
+
+        Parameters
+        ----------
+        path : path-like
+
+        Raises
+        ------
+        OutputError
+            If it cannot be written.
+        """
+        write_atomically(path, yaml.safe_dump(self.to_dict(), sort_keys=False))
+
+
+PRESETS: dict[str, dict[str, Any]] = {
+    "default": {},
+    "paper": {
+        "sampling": {"count": 450},
+    },
+}
+
+
+def _merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    result = dict(base)
+    for key, value in over.items():
+        below = result.get(key)
+        if isinstance(below, Mapping) and isinstance(value, Mapping):
+            result[key] = _merged(below, value)
+        else:
+            result[key] = value
+    return result
+
+
+def _known(key: str) -> str:
+    """Name the keys that stand beside an unknown one."""
+    model: type[BaseModel] = Config
+    for part in key.split(".")[:-1]:
+        field = model.model_fields.get(part)
+        if field is None or not isinstance(field.annotation, type):
+            break
+        if not issubclass(field.annotation, BaseModel):
+            break
+        model = field.annotation
+    return f"known here: {', '.join(model.model_fields)}"

@@ -1,0 +1,213 @@
+"""Edge extraction: which pixels are edges, their gradient direction, their depth (§III-A).
+
+The paper takes Canny, because non-maximum suppression and two thresholds find the same edges
+under different light; the two extractors that it is compared with are here as well, by name.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from edvo import kernels
+from edvo.camera import Camera
+from edvo.config import EdgesConfig
+
+DOG_RATIO = 1.6  # of the two Gaussians: nearest to the Laplacian of a Gaussian (Marr 1980)
+NO_TABLE = np.empty((0, 0, 2), np.float32)
+
+
+@dataclass(frozen=True, slots=True)
+class EdgePixels:
+    """Edge pixels as a structure of arrays.
+
+    Attributes
+    ----------
+    pixels : ndarray of float32, shape (N, 2)
+        Ideal (undistorted) pixel u, v.
+    gradients : ndarray of float32, shape (N, 2)
+        Unit gradient u, v, which points from dark to bright; it stands for the normal of the
+        edge (Eq. 11).
+    depths : ndarray of float32, shape (N,)
+        Depth in metres; 0 where there is none, or where it was not asked for.
+    """
+
+    pixels: NDArray[np.float32]
+    gradients: NDArray[np.float32]
+    depths: NDArray[np.float32]
+
+    def __len__(self) -> int:
+        return len(self.pixels)
+
+    def points(self, camera: Camera) -> NDArray[np.float64]:
+        """Back-project into the camera frame, pi^-1 of Eq. (1).
+
+        Parameters
+        ----------
+        camera : Camera
+
+        Returns
+        -------
+        ndarray of float64, shape (N, 3)
+            Metres.
+        """
+        points = np.empty((len(self.depths), 3))
+        z = self.depths
+        points[:, 0] = (self.pixels[:, 0] - camera.cx) / camera.fx * z
+        points[:, 1] = (self.pixels[:, 1] - camera.cy) / camera.fy * z
+        points[:, 2] = z
+        return points
+
+
+@dataclass(frozen=True, slots=True)
+class EdgeImage:
+    """The edges of one image, before anything is computed for each of them.
+
+    Attributes
+    ----------
+    index : ndarray of int32, shape (N,)
+        Flat indices v * width + u of the edge pixels, ascending.
+    du, dv : ndarray of int16, shape (H, W)
+        Sobel gradients.
+    """
+
+    index: NDArray[np.int32]
+    du: NDArray[np.int16]
+    dv: NDArray[np.int16]
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+    def describe(
+        self,
+        camera: Camera,
+        which: NDArray[np.int32] | None = None,
+        depths: NDArray[np.float32] | None = None,
+    ) -> EdgePixels:
+        """Pixel and unit gradient of the edges, with the lens distortion taken out of both.
+
+        Parameters
+        ----------
+        camera : Camera
+            Of the image; only its distortion matters.
+        which : ndarray of int32, shape (M,), optional
+            Positions in ``index``; all edges where not given.
+        depths : ndarray of float32, shape (M,), optional
+            Their depths in metres, if known.
+
+        Returns
+        -------
+        EdgePixels
+        """
+        index = self.index if which is None else self.index[which]
+        table = camera.undistortion_table() if camera.is_distorted else NO_TABLE
+        pixels = np.empty((len(index), 2), np.float32)
+        gradients = np.empty((len(index), 2), np.float32)
+        kernels.describe_edges(index, self.du, self.dv, table, pixels, gradients)
+        return EdgePixels(
+            pixels, gradients, np.zeros(len(index), np.float32) if depths is None else depths
+        )
+
+
+def extract_edges(grey: NDArray[np.uint8], config: EdgesConfig) -> EdgeImage:
+    """Find the edge pixels of an image.
+
+    Parameters
+    ----------
+    grey : ndarray of uint8, shape (H, W)
+    config : EdgesConfig
+        The extractor by name, and its thresholds.
+
+    Returns
+    -------
+    EdgeImage
+    """
+    size = config.blur_px
+    smooth = cv2.GaussianBlur(grey, (size, size), 0) if size else grey
+    du = cv2.Sobel(smooth, cv2.CV_16S, 1, 0)
+    dv = cv2.Sobel(smooth, cv2.CV_16S, 0, 1)
+    mask = EXTRACTORS[config.extractor](smooth, du, dv, config)
+    index = np.empty(cv2.countNonZero(mask), np.int32)
+    kernels.collect_edges(mask, index)
+    return EdgeImage(index, du, dv)  # type: ignore[arg-type]
+
+
+def depth_at_edges(
+    depth: NDArray[np.float32], index: NDArray[np.int32], config: EdgesConfig
+) -> NDArray[np.float32]:
+    """Depth of edge pixels, from the near side where depth is discontinuous.
+
+    A contour belongs to the nearer surface, and depth sensors err most right there: structured
+    light leaves stray pixels between the two sides. So the depths in a window are sorted; where
+    they span no gap, their mean is taken, else the mean of the nearest group that a fifth of the
+    window supports.
+
+    Parameters
+    ----------
+    depth : ndarray of float32, shape (H, W)
+        Metres, 0 where missing.
+    index : ndarray of int32, shape (N,)
+        Flat indices of the edge pixels.
+    config : EdgesConfig
+        ``depth_window_px`` and ``depth_gap``.
+
+    Returns
+    -------
+    ndarray of float32, shape (N,)
+        Metres; 0 where the window holds no depth, or no group of it agrees.
+    """
+    result = np.empty(len(index), np.float32)
+    kernels.depths_at(depth, index, config.depth_window_px // 2, config.depth_gap, result)
+    return result
+
+
+def canny(
+    smooth: NDArray[np.uint8], du: NDArray[np.int16], dv: NDArray[np.int16], config: EdgesConfig
+) -> NDArray[np.uint8]:
+    """Edge mask by Canny: non-maximum suppression and two thresholds on |du| + |dv|."""
+    return cv2.Canny(du, dv, config.low, config.high)  # type: ignore[return-value]
+
+
+def sobel(
+    smooth: NDArray[np.uint8], du: NDArray[np.int16], dv: NDArray[np.int16], config: EdgesConfig
+) -> NDArray[np.uint8]:
+    """Edge mask by one threshold on |du| + |dv|: thick edges, that come and go with the light."""
+    strength = cv2.add(cv2.absdiff(du, 0), cv2.absdiff(dv, 0))
+    return cv2.compare(strength, config.sobel_threshold, cv2.CMP_GT)  # type: ignore[return-value]
+
+
+def difference_of_gaussians(
+    smooth: NDArray[np.uint8], du: NDArray[np.int16], dv: NDArray[np.int16], config: EdgesConfig
+) -> NDArray[np.uint8]:
+    """Edge mask by zero crossings of a difference of two Gaussians.
+
+    A pixel is an edge where the difference changes its sign towards the right or the lower
+    neighbour by at least ``dog_contrast``, and lies nearer to zero than that neighbour does.
+    """
+    image = smooth.astype(np.float32)
+    narrow = cv2.GaussianBlur(image, (0, 0), config.dog_sigma_px)
+    wide = cv2.GaussianBlur(image, (0, 0), config.dog_sigma_px * DOG_RATIO)
+    dog = narrow - wide
+    mask = np.zeros(dog.shape, np.uint8)
+    for here, there, near, far in (
+        (dog[:, :-1], dog[:, 1:], mask[:, :-1], mask[:, 1:]),
+        (dog[:-1], dog[1:], mask[:-1], mask[1:]),
+    ):
+        crossing = ((here > 0) != (there > 0)) & (np.abs(here - there) >= config.dog_contrast)
+        first = np.abs(here) <= np.abs(there)
+        near[crossing & first] = 255
+        far[crossing & ~first] = 255
+    mask[(du == 0) & (dv == 0)] = 0  # without a gradient there is no direction to match
+    return mask
+
+
+Extractor = Callable[
+    [NDArray[np.uint8], NDArray[np.int16], NDArray[np.int16], EdgesConfig], NDArray[np.uint8]
+]
+EXTRACTORS: dict[str, Extractor] = {
+    "canny": canny,
+    "sobel": sobel,
+    "dog": difference_of_gaussians,
+}

@@ -1,0 +1,1053 @@
+"""The tracker's compiled inner loops, and nothing else.
+
+Each public kernel has a plain NumPy twin in the module that uses it; a test holds the two equal.
+All of them live in this one module, since numba's cache does not see an edit in a callee of
+another file. None of them keeps state, and none holds the interpreter lock while it runs.
+
+Matching works in squared pixels: Eq. (6) times width^2, so that one threshold serves both terms::
+
+    cost = |p_r - p'|^2 + (gamma / 4) width^2 (g_r . g' - 1)^2
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar, cast
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+I32 = NDArray[np.int32]
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+NO_MATCH = -1
+SLACK = 1e-3  # px; keeps cell bounds safe against rounding
+FIRST_REACH = 8.0  # px; window of a query that has no hint
+MARGIN = 1.0  # px; how far a window looks past what it needs, so that its answer lasts longer
+MIN_DEPTH = 0.05  # m; what is nearer after the warp has no usable projection
+PIVOT = 1e-12  # smallest Cholesky pivot, relative to the diagonal
+
+SIGNED, DISTANCE = 0, 1  # residual: Eq. (12), or Eq. (5)
+NONE, STUDENT_T, HUBER, CAUCHY, TUKEY = 0, 1, 2, 3, 4  # robust weight functions
+CONVERGED, STALLED, EXHAUSTED, TOO_FEW, SINGULAR = 0, 1, 2, 3, 4  # why a registration stopped
+HISTORY = 8  # columns of the iteration record
+
+
+def compiled(function: Function) -> Function:
+    """Compile a kernel; without a writable cache folder it is compiled anew in each process."""
+    try:
+        return cast(Function, numba.njit(nogil=True, cache=True)(function))
+    except RuntimeError:  # numba: no locator available for the cache
+        return cast(Function, numba.njit(nogil=True)(function))
+
+
+class Grid(NamedTuple):
+    """Reference edges sorted by square cell; cell (row, col) holds points[start[i]:start[i+1]]."""
+
+    points: F32  # (M, 4) u, v, unit gradient u, v
+    order: I32  # (M,) index of each sorted point among the edges given
+    start: I32  # (rows * cols + 1,)
+    rows: int
+    cols: int
+    left: float  # px, of the first cell
+    top: float
+    inverse: float  # 1/px, one over the cell size
+
+
+class Tree(NamedTuple):
+    """A balanced k-d tree over (u, v, g_u, g_v), nodes in in-order, the median as the root."""
+
+    points: F32  # (M, 4)
+    order: I32  # (M,)
+    axis: NDArray[np.int8]  # (M,) the axis that splits at each node
+
+
+class Criterion(NamedTuple):
+    """Eq. (6) in squared pixels, and what a match may not exceed."""
+
+    direction: float  # (gamma / 4) width^2, px^2; 0 is the normal criterion
+    limit: float  # px^2; the squared distance beyond which nothing is a match
+    min_dot: float  # cosine of the widest angle between gradients
+
+
+class Pinhole(NamedTuple):
+    """An ideal camera for the warp, Eq. (1)."""
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: int
+    height: int
+
+
+class Matches(NamedTuple):
+    """State of the samples' matches while a registration runs."""
+
+    index: I32  # (N,) sorted index of the reference edge, or NO_MATCH
+    query: F64  # (N, 2) where the sample lay when it was last searched for, px
+    bound: F64  # (N,) px; there, no other edge had a lower root of the cost
+    Y: F64  # (N, 3) the sample in the reference camera, m
+    normal: F64  # (N, 2) what the residual is measured along
+
+
+class Solver(NamedTuple):
+    """What the iteration of Eq. (13)-(14) needs to know."""
+
+    residual: int
+    weight: int
+    tuning: float  # nu of the t-distribution; the tuning constant of the others
+    min_sigma: float  # px
+    min_matches: int
+    max_iterations: int
+    switch_px: float  # rms change of the residuals below which the normal criterion takes over
+    stop_px: float  # rms change below which the iteration has converged
+    stop_cost: float  # relative decrease of the cost below which it has converged
+    damping: float  # lambda at the start
+    damping_up: float
+    damping_down: float
+    max_rejections: int  # in a row
+
+
+# ---------------------------------------------------------------------------------------- edges
+
+
+@compiled
+def collect_edges(mask: NDArray[np.uint8], index: I32) -> int:
+    """Write the flat indices of the set pixels of a mask, in row order; returns how many."""
+    flat = mask.reshape(-1)
+    n_words = flat.size // 8
+    words = flat[: n_words * 8].view(np.uint64)
+    count = 0
+    for word in range(n_words):
+        if words[word] != 0:  # most of an image is no edge: eight pixels at a time
+            for i in range(word * 8, word * 8 + 8):
+                if flat[i] != 0:
+                    index[count] = i
+                    count += 1
+    for i in range(n_words * 8, flat.size):
+        if flat[i] != 0:
+            index[count] = i
+            count += 1
+    return count
+
+
+@compiled
+def describe_edges(
+    index: I32,
+    dx: NDArray[np.int16],
+    dy: NDArray[np.int16],
+    table: F32,
+    pixels: F32,
+    gradients: F32,
+) -> None:
+    """Write ideal pixel and unit gradient of each edge given by its flat index.
+
+    ``table`` (H, W, 2) holds the ideal pixel of each raw one, or is empty for an ideal camera.
+    """
+    height, width = dx.shape
+    for k in range(index.size):
+        v = index[k] // width
+        u = index[k] - v * width
+        gu, gv = np.float32(dx[v, u]), np.float32(dy[v, u])
+        if table.size == 0:
+            pixels[k, 0], pixels[k, 1] = u, v
+        else:
+            pixels[k, 0], pixels[k, 1] = table[v, u, 0], table[v, u, 1]
+            u0, u1 = max(u - 1, 0), min(u + 1, width - 1)
+            v0, v1 = max(v - 1, 0), min(v + 1, height - 1)
+            su, sv = np.float32(u1 - u0), np.float32(v1 - v0)
+            uu = (table[v, u1, 0] - table[v, u0, 0]) / su
+            vu = (table[v, u1, 1] - table[v, u0, 1]) / su
+            uv = (table[v1, u, 0] - table[v0, u, 0]) / sv
+            vv = (table[v1, u, 1] - table[v0, u, 1]) / sv
+            # a gradient is a covector: it goes over by the inverse transpose
+            gu, gv = vv * gu - vu * gv, uu * gv - uv * gu
+        norm = np.float32(1) / np.sqrt(gu * gu + gv * gv)
+        gradients[k, 0], gradients[k, 1] = gu * norm, gv * norm
+
+
+@compiled
+def depth_at(depth: F32, u: int, v: int, radius: int, gap: float) -> float:
+    """Depth (m) of an edge pixel from the window round it; 0 where the window holds none.
+
+    Where the depths span no gap, their mean. Else the mean of the nearest surface: the nearest
+    depths of which a fifth of the valid ones (three at the least) lie within the gap, which
+    leaves out the stray pixels that sensors put between the two sides of a contour.
+    """
+    height, width = depth.shape
+    u0, u1 = max(u - radius, 0), min(u + radius, width - 1)
+    v0, v1 = max(v - radius, 0), min(v + radius, height - 1)
+    near, far = np.float32(np.inf), np.float32(0)
+    total, count = np.float32(0), 0
+    for row in range(v0, v1 + 1):
+        for col in range(u0, u1 + 1):
+            z = depth[row, col]
+            if z > 0:
+                near, far = min(near, z), max(far, z)
+                total += z
+                count += 1
+    if count == 0:
+        return np.float32(0)
+    ratio = np.float32(1 + gap)
+    if far <= near * ratio:
+        return total / np.float32(count)
+    window = np.empty(count, np.float32)
+    filled = 0
+    for row in range(v0, v1 + 1):
+        for col in range(u0, u1 + 1):
+            z = depth[row, col]
+            if z > 0:
+                k = filled  # insertion sort: the window is small
+                while k > 0 and window[k - 1] > z:
+                    window[k] = window[k - 1]
+                    k -= 1
+                window[k] = z
+                filled += 1
+    support = max(3, (count + 4) // 5)
+    for first in range(count - support + 1):
+        bound = window[first] * ratio
+        if window[first + support - 1] <= bound:
+            total, last = np.float32(0), first
+            while last < count and window[last] <= bound:
+                total += window[last]
+                last += 1
+            return total / np.float32(last - first)
+    return np.float32(0)
+
+
+@compiled
+def depths_at(depth: F32, index: I32, radius: int, gap: float, depths: F32) -> None:
+    """Write the depth of each edge given by its flat index."""
+    width = depth.shape[1]
+    for i in range(index.size):
+        v = index[i] // width
+        depths[i] = depth_at(depth, index[i] - v * width, v, radius, gap)
+
+
+# ------------------------------------------------------------------------------------- sampling
+
+
+@compiled
+def next_random(state: NDArray[np.uint64]) -> np.uint64:
+    """Splitmix64: one more number from a state of one word, which it advances."""
+    state[0] += np.uint64(0x9E3779B97F4A7C15)
+    z = state[0]
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return z ^ (z >> np.uint64(31))
+
+
+@compiled
+def draw(pool: I32, first: int, last: int, state: NDArray[np.uint64]) -> int:
+    """Move a random entry of pool[first:last] to its front and return it."""
+    k = first + int(next_random(state) % np.uint64(last - first))
+    pool[first], pool[k] = pool[k], pool[first]
+    return pool[first]
+
+
+@compiled
+def draw_samples(
+    index: I32,
+    depth: F32,
+    cell: int,
+    per_cell: int,
+    count: int,
+    radius: int,
+    gap: float,
+    seed: int,
+    samples: I32,
+    depths: F32,
+) -> int:
+    """Draw at most ``count`` edges with depth: some from each cell, then from all of them.
+
+    Depth is looked up for the edges drawn and for no others; one without it is passed over.
+    Writes positions in ``index`` in ascending order, and depths; returns how many.
+    """
+    height, width = depth.shape
+    cols, rows = (width + cell - 1) // cell, (height + cell - 1) // cell
+    n = index.size
+    start = np.zeros(rows * cols + 1, np.int32)
+    cell_of = np.empty(n, np.int32)
+    col_of = np.empty(width, np.int32)
+    for u in range(width):
+        col_of[u] = u // cell
+    v = 0
+    for i in range(n):
+        while index[i] >= (v + 1) * width:  # the edges come in row order
+            v += 1
+        cell_of[i] = (v // cell) * cols + col_of[index[i] - v * width]
+        start[cell_of[i] + 1] += 1
+    for c in range(rows * cols):
+        start[c + 1] += start[c]
+    pool = np.empty(n, np.int32)
+    fill = start[:-1].copy()
+    for i in range(n):
+        pool[fill[cell_of[i]]] = i
+        fill[cell_of[i]] += 1
+    state = np.empty(1, np.uint64)
+    state[0] = np.uint64(seed)
+    found = np.full(n, np.float32(-1))  # depth of what was drawn; 0 where it has none
+    # cells come in random order, in case there are more of them than count allows
+    cells = np.arange(rows * cols).astype(np.int32)
+    left = count
+    rest = 0
+    for turn in range(cells.size):
+        c = draw(cells, turn, cells.size, state)
+        first, last = start[c], start[c + 1]
+        taken = 0
+        while first < last and taken < per_cell and left > 0:
+            i = draw(pool, first, last, state)
+            first += 1
+            found[i] = depth_at(depth, index[i] % width, index[i] // width, radius, gap)
+            if found[i] > 0:
+                taken += 1
+                left -= 1
+    for k in range(n):  # what no cell has drawn moves to the front of the pool
+        if found[pool[k]] < 0:
+            pool[rest] = pool[k]
+            rest += 1
+    first = 0
+    while first < rest and left > 0:
+        i = draw(pool, first, rest, state)
+        first += 1
+        found[i] = depth_at(depth, index[i] % width, index[i] // width, radius, gap)
+        if found[i] > 0:
+            left -= 1
+    filled = 0
+    for i in range(n):
+        if found[i] > 0:
+            samples[filled] = i
+            depths[filled] = found[i]
+            filled += 1
+    return filled
+
+
+# ------------------------------------------------------------------------------------- matching
+
+
+@compiled
+def build_grid(pixels: F32, gradients: F32, cell: float) -> Grid:
+    """Sort edges by cell (a counting sort), so that a row of cells is one run of memory."""
+    n = pixels.shape[0]
+    left, top = np.float32(np.inf), np.float32(np.inf)
+    right, bottom = np.float32(-np.inf), np.float32(-np.inf)
+    for i in range(n):
+        left, right = min(left, pixels[i, 0]), max(right, pixels[i, 0])
+        top, bottom = min(top, pixels[i, 1]), max(bottom, pixels[i, 1])
+    if n == 0:
+        left, right, top, bottom = (np.float32(0), np.float32(0), np.float32(0), np.float32(0))
+    inverse = 1 / cell
+    cols = int((right - left) * inverse) + 1
+    rows = int((bottom - top) * inverse) + 1
+    start = np.zeros(rows * cols + 1, np.int32)
+    cell_of = np.empty(n, np.int32)
+    for i in range(n):
+        col, row = int((pixels[i, 0] - left) * inverse), int((pixels[i, 1] - top) * inverse)
+        cell_of[i] = row * cols + col
+        start[cell_of[i] + 1] += 1
+    for c in range(rows * cols):
+        start[c + 1] += start[c]
+    fill = start[:-1].copy()
+    points = np.empty((n, 4), np.float32)
+    order = np.empty(n, np.int32)
+    for i in range(n):
+        k = fill[cell_of[i]]
+        fill[cell_of[i]] += 1
+        order[k] = i
+        points[k, 0], points[k, 1] = pixels[i, 0], pixels[i, 1]
+        points[k, 2], points[k, 3] = gradients[i, 0], gradients[i, 1]
+    return Grid(points, order, start, rows, cols, float(left), float(top), 1 / cell)
+
+
+@compiled
+def match_cost(
+    points: F32, i: int, u: float, v: float, gu: float, gv: float, criterion: Criterion
+) -> float:
+    """Cost (px^2) of one pair by Eq. (6); infinite where it may be no match."""
+    du, dv = points[i, 0] - u, points[i, 1] - v
+    distance = du * du + dv * dv
+    dot = points[i, 2] * gu + points[i, 3] * gv
+    if distance > criterion.limit or dot < criterion.min_dot:
+        return np.inf
+    away = dot - 1.0
+    return distance + criterion.direction * away * away
+
+
+@compiled
+def scan_window(
+    grid: Grid, u: float, v: float, gu: float, gv: float, criterion: Criterion, reach: float
+) -> tuple[int, float, float]:
+    """Best match among the edges within ``reach`` pixels, its cost, and the second best cost.
+
+    The second best is at most reach^2, so that it bounds the edges outside the window too.
+    """
+    best_i, best, second = NO_MATCH, np.inf, reach * reach
+    wide = reach + SLACK
+    last_row = int(np.floor((v + wide - grid.top) * grid.inverse))
+    last_col = int(np.floor((u + wide - grid.left) * grid.inverse))
+    first_row = max(int(np.floor((v - wide - grid.top) * grid.inverse)), 0)
+    first_col = max(int(np.floor((u - wide - grid.left) * grid.inverse)), 0)
+    last_row, last_col = min(last_row, grid.rows - 1), min(last_col, grid.cols - 1)
+    if last_col < first_col:
+        return best_i, best, second
+    square = reach * reach
+    points = grid.points
+    for row in range(first_row, last_row + 1):
+        base = row * grid.cols
+        for i in range(grid.start[base + first_col], grid.start[base + last_col + 1]):
+            du, dv = points[i, 0] - u, points[i, 1] - v
+            cost = du * du + dv * dv
+            if cost <= square:
+                dot = points[i, 2] * gu + points[i, 3] * gv
+                if dot >= criterion.min_dot:
+                    cost += criterion.direction * (dot - 1.0) * (dot - 1.0)
+                    if cost < best:
+                        second = min(best, second)
+                        best_i, best = i, cost
+                    elif cost < second:
+                        second = cost
+    return best_i, best, second
+
+
+@compiled
+def nearest_in_grid(
+    grid: Grid, u: float, v: float, gu: float, gv: float, criterion: Criterion, hint: int
+) -> tuple[int, float, float]:
+    """Sorted index and cost of the reference edge that minimizes Eq. (6), exactly.
+
+    Since cost >= distance^2, a window as wide as the root of the best cost holds the answer.
+    ``hint`` is a sorted index that tells how wide (the last match), or NO_MATCH. Third comes a
+    bound: no other admissible edge has a lower cost.
+    """
+    extent = (grid.cols + grid.rows) / grid.inverse + abs(u - grid.left) + abs(v - grid.top)
+    limit = min(np.sqrt(criterion.limit), extent)
+    reach = min(FIRST_REACH, limit)
+    if hint >= 0:
+        cost = match_cost(grid.points, hint, u, v, gu, gv, criterion)
+        if cost < np.inf:
+            reach = min(np.sqrt(cost) + MARGIN, limit)
+    while True:
+        i, best, second = scan_window(grid, u, v, gu, gv, criterion, reach)
+        if i < 0:
+            if reach >= limit:
+                return NO_MATCH, np.inf, second
+            reach = min(reach * 3, limit)
+        else:
+            needed = min(np.sqrt(best), limit)
+            if needed <= reach:
+                return i, best, second
+            reach = min(needed + MARGIN, limit)
+
+
+@compiled
+def match_in_grid(
+    grid: Grid, pixels: F32, gradients: F32, criterion: Criterion, matches: I32, costs: F64
+) -> None:
+    """Match each query pixel; writes indices among the edges given to the grid, and costs."""
+    for k in range(pixels.shape[0]):
+        i, cost, _ = nearest_in_grid(
+            grid,
+            pixels[k, 0],
+            pixels[k, 1],
+            gradients[k, 0],
+            gradients[k, 1],
+            criterion,
+            NO_MATCH,
+        )
+        matches[k] = grid.order[i] if i >= 0 else NO_MATCH
+        costs[k] = cost
+
+
+@compiled
+def build_tree(pixels: F32, gradients: F32, weight: float) -> Tree:
+    """A balanced k-d tree over four dimensions, split at the median of the widest axis.
+
+    ``weight`` (px) makes a gradient axis comparable to a pixel axis when the widest is chosen;
+    it is only a matter of speed.
+    """
+    n = pixels.shape[0]
+    points = np.empty((n, 4), np.float32)
+    order = np.arange(n).astype(np.int32)
+    axis = np.zeros(n, np.int8)
+    for i in range(n):
+        points[i, 0], points[i, 1] = pixels[i, 0], pixels[i, 1]
+        points[i, 2], points[i, 3] = gradients[i, 0], gradients[i, 1]
+    firsts, lasts = np.empty(64, np.int64), np.empty(64, np.int64)
+    firsts[0], lasts[0] = 0, n
+    depth = 1
+    low, high = np.empty(4, np.float32), np.empty(4, np.float32)
+    while depth > 0:
+        depth -= 1
+        first, last = firsts[depth], lasts[depth]
+        if last - first < 2:
+            continue
+        for a in range(4):
+            low[a] = high[a] = points[first, a]
+        for i in range(first + 1, last):
+            for a in range(4):
+                low[a] = min(low[a], points[i, a])
+                high[a] = max(high[a], points[i, a])
+        split, widest = 0, -1.0
+        for a in range(4):
+            spread = (high[a] - low[a]) * (1.0 if a < 2 else weight)
+            if spread > widest:
+                split, widest = a, spread
+        middle = (first + last) // 2
+        left, right = first, last - 1
+        while left < right:  # quickselect
+            pivot = points[(left + right) // 2, split]
+            i, j = left, right
+            while i <= j:
+                while points[i, split] < pivot:
+                    i += 1
+                while points[j, split] > pivot:
+                    j -= 1
+                if i <= j:
+                    for a in range(4):
+                        points[i, a], points[j, a] = points[j, a], points[i, a]
+                    order[i], order[j] = order[j], order[i]
+                    i += 1
+                    j -= 1
+            if middle <= j:
+                right = j
+            elif middle >= i:
+                left = i
+            else:
+                break
+        axis[middle] = split
+        firsts[depth], lasts[depth] = first, middle
+        firsts[depth + 1], lasts[depth + 1] = middle + 1, last
+        depth += 2
+    return Tree(points, order, axis)
+
+
+@compiled
+def nearest_in_tree(
+    tree: Tree, u: float, v: float, gu: float, gv: float, criterion: Criterion
+) -> tuple[int, float]:
+    """Sorted index and cost of the reference edge that minimizes Eq. (6), exactly.
+
+    For unit gradients (g.g' - 1)^2 = |g - g'|^4 / 4, so a box at offset (ou, ov, ogu, ogv) from
+    the query holds no cost below ou^2 + ov^2 + (direction / 4) (ogu^2 + ogv^2)^2: that bound
+    prunes, since a Euclidean one over four dimensions would not be exact.
+    """
+    points, axes = tree.points, tree.axis
+    best_i, best = NO_MATCH, np.inf
+    query = (u, v, gu, gv)
+    # a stack of subtrees with the offset of their boxes from the query
+    firsts, lasts = np.empty(64, np.int64), np.empty(64, np.int64)
+    offsets = np.zeros((64, 4), np.float64)
+    firsts[0], lasts[0] = 0, points.shape[0]
+    depth = 1
+    while depth > 0:
+        depth -= 1
+        first, last = firsts[depth], lasts[depth]
+        o0, o1, o2, o3 = offsets[depth]
+        while first < last:
+            near = o0 * o0 + o1 * o1
+            turn = o2 * o2 + o3 * o3
+            # unit gradients are so only to float32: a hair of slack keeps the bound below
+            bound = near + criterion.direction / 4 * max(0.0, turn - 1e-6) ** 2
+            if bound >= best or near > criterion.limit:
+                break
+            node = (first + last) // 2
+            cost = match_cost(points, node, u, v, gu, gv, criterion)
+            if cost < best:
+                best_i, best = node, cost
+            a = axes[node]
+            off = query[a] - points[node, a]
+            offsets[depth, 0], offsets[depth, 1] = o0, o1
+            offsets[depth, 2], offsets[depth, 3] = o2, o3
+            offsets[depth, a] = off
+            if off < 0:
+                firsts[depth], lasts[depth] = node + 1, last
+                last = node
+            else:
+                firsts[depth], lasts[depth] = first, node
+                first = node + 1
+            depth += 1
+    return best_i, best
+
+
+@compiled
+def match_in_tree(
+    tree: Tree, pixels: F32, gradients: F32, criterion: Criterion, matches: I32, costs: F64
+) -> None:
+    """Match each query pixel; writes indices among the edges given to the tree, and costs."""
+    for k in range(pixels.shape[0]):
+        i, cost = nearest_in_tree(
+            tree, pixels[k, 0], pixels[k, 1], gradients[k, 0], gradients[k, 1], criterion
+        )
+        matches[k] = tree.order[i] if i >= 0 else NO_MATCH
+        costs[k] = cost
+
+
+# --------------------------------------------------------------------------------- robust scale
+
+
+@compiled
+def student_scale(residuals: F64, count: int, nu: float, sigma: float, min_sigma: float) -> float:
+    """Scale of a t-distribution by fixed-point iteration (Kerl 2013, Eq. 15)."""
+    for _ in range(50):
+        inverse = 1.0 / (sigma * sigma)
+        total = 0.0
+        for i in range(count):
+            square = residuals[i] * residuals[i]
+            total += square * (nu + 1) / (nu + square * inverse)
+        new = max(np.sqrt(total / count), min_sigma)
+        if abs(new - sigma) < 1e-3 * sigma:
+            return new
+        sigma = new
+    return sigma
+
+
+@compiled
+def median_scale(residuals: F64, count: int, min_sigma: float) -> float:
+    """Scale by the median absolute residual, consistent with a Gaussian."""
+    return max(1.4826 * np.median(np.abs(residuals[:count])), min_sigma)
+
+
+@compiled
+def robust_weight(square: float, weight: int, tuning: float) -> float:
+    """Weight of a residual whose square, in units of the scale, is given (Zhang 1997)."""
+    if weight == STUDENT_T:
+        return (tuning + 1) / (tuning + square)
+    if weight == HUBER:
+        return 1.0 if square <= tuning * tuning else tuning / np.sqrt(square)
+    if weight == CAUCHY:
+        return 1 / (1 + square / (tuning * tuning))
+    if weight == TUKEY:
+        inside = 1 - square / (tuning * tuning)
+        return inside * inside if inside > 0 else 0.0
+    return 1.0
+
+
+@compiled
+def robust_cost(square: float, weight: int, tuning: float) -> float:
+    """Loss rho whose derivative over the residual is weight x residual."""
+    if weight == STUDENT_T:
+        return 0.5 * (tuning + 1) * np.log1p(square / tuning)
+    if weight == HUBER:
+        if square <= tuning * tuning:
+            return 0.5 * square
+        return tuning * (np.sqrt(square) - 0.5 * tuning)
+    if weight == CAUCHY:
+        return 0.5 * tuning * tuning * np.log1p(square / (tuning * tuning))
+    if weight == TUKEY:
+        inside = max(0.0, 1 - square / (tuning * tuning))
+        return tuning * tuning / 6 * (1 - inside * inside * inside)
+    return 0.5 * square
+
+
+@compiled
+def mean_cost(
+    residuals: F64, count: int, samples: int, sigma: float, limit: float, solver: Solver
+) -> float:
+    """Mean loss over all samples; one without a match costs as much as the worst match may."""
+    inverse = 1 / (sigma * sigma)
+    total = 0.0
+    if solver.weight == STUDENT_T:
+        # the sum of logarithms is that of products, short enough not to overflow
+        scale = inverse / solver.tuning
+        chain, links = 1.0, 0
+        for i in range(count):
+            chain *= 1 + residuals[i] * residuals[i] * scale
+            links += 1
+            if links == 16:
+                total += np.log(chain)
+                chain, links = 1.0, 0
+        total = 0.5 * (solver.tuning + 1) * (total + np.log(chain))
+    else:
+        for i in range(count):
+            square = residuals[i] * residuals[i] * inverse
+            total += robust_cost(square, solver.weight, solver.tuning)
+    if samples > count:
+        total += (samples - count) * robust_cost(limit * inverse, solver.weight, solver.tuning)
+    return total / samples
+
+
+@compiled
+def scale_of(residuals: F64, count: int, sigma: float, solver: Solver) -> float:
+    """Scale of the residuals by the rule that goes with the weight function."""
+    if solver.weight == STUDENT_T:
+        return student_scale(residuals, count, solver.tuning, sigma, solver.min_sigma)
+    return median_scale(residuals, count, solver.min_sigma)
+
+
+# --------------------------------------------------------------------------------- registration
+
+
+@compiled
+def exp_se3(xi: F64) -> F64:
+    """The rigid motion of a twist [v, w]; twin of se3.exp."""
+    w0, w1, w2 = xi[3], xi[4], xi[5]
+    square = w0 * w0 + w1 * w1 + w2 * w2
+    if square < 1e-8:
+        a, b, c = 1 - square / 6, 0.5 - square / 24, 1 / 6 - square / 120
+    else:
+        angle = np.sqrt(square)
+        a = np.sin(angle) / angle
+        b = (1 - np.cos(angle)) / square
+        c = (1 - a) / square
+    T = np.zeros((4, 4))
+    hat = np.array([[0.0, -w2, w1], [w2, 0.0, -w0], [-w1, w0, 0.0]])
+    for i in range(3):
+        for j in range(3):
+            hat2 = 0.0
+            for k in range(3):
+                hat2 += hat[i, k] * hat[k, j]
+            one = 1.0 if i == j else 0.0
+            T[i, j] = one + a * hat[i, j] + b * hat2
+            T[i, 3] += (one + b * hat[i, j] + c * hat2) * xi[j]
+    T[3, 3] = 1
+    return T
+
+
+@compiled
+def product(A: F64, B: F64) -> F64:
+    """Matrix product of two rigid motions."""
+    C = np.zeros((4, 4))
+    for i in range(3):
+        for j in range(4):
+            C[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
+        C[i, 3] += A[i, 3]
+    C[3, 3] = 1
+    return C
+
+
+@compiled
+def solve_damped(H: F64, b: F64, damping: float, step: F64) -> bool:
+    """Solve (H + damping diag H) step = -b, Eq. (14), by Cholesky; False where singular."""
+    n = b.size
+    L = np.zeros((n, n))
+    for i in range(n):
+        for j in range(i + 1):
+            value = H[i, j] * (1 + damping) if i == j else H[i, j]
+            for k in range(j):
+                value -= L[i, k] * L[j, k]
+            if i == j:
+                if not value > PIVOT * H[i, i]:
+                    return False
+                L[i, i] = np.sqrt(value)
+            else:
+                L[i, j] = value / L[j, j]
+    for i in range(n):
+        value = -b[i]
+        for k in range(i):
+            value -= L[i, k] * step[k]
+        step[i] = value / L[i, i]
+    for i in range(n - 1, -1, -1):
+        value = step[i]
+        for k in range(i + 1, n):
+            value -= L[k, i] * step[k]
+        step[i] = value / L[i, i]
+    return True
+
+
+@compiled
+def orthonormalize(T: F64) -> None:
+    """Make the rotation of a rigid motion exact again (Gram-Schmidt), in place."""
+    a0, a1, a2 = T[0, 0], T[1, 0], T[2, 0]
+    norm = np.sqrt(a0 * a0 + a1 * a1 + a2 * a2)
+    a0, a1, a2 = a0 / norm, a1 / norm, a2 / norm
+    b0, b1, b2 = T[0, 1], T[1, 1], T[2, 1]
+    dot = a0 * b0 + a1 * b1 + a2 * b2
+    b0, b1, b2 = b0 - dot * a0, b1 - dot * a1, b2 - dot * a2
+    norm = np.sqrt(b0 * b0 + b1 * b1 + b2 * b2)
+    b0, b1, b2 = b0 / norm, b1 / norm, b2 / norm
+    T[0, 0], T[1, 0], T[2, 0] = a0, a1, a2
+    T[0, 1], T[1, 1], T[2, 1] = b0, b1, b2
+    T[0, 2], T[1, 2], T[2, 2] = a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
+
+
+@compiled
+def warp_and_match(
+    grid: Grid,
+    points: F64,
+    gradients: F32,
+    stride: int,
+    camera: Pinhole,
+    T: F64,
+    criterion: Criterion,
+    residual: int,
+    matches: Matches,
+    residuals: F64,
+) -> int:
+    """Warp the samples by T (Eq. 1), match them (Eq. 6) and take residuals (Eq. 10-12).
+
+    Takes every ``stride``-th sample. A match found before is kept without a search where it
+    provably still is the best: the root of the cost changes by no more than the query moves.
+    Residuals of the matched samples are packed to the front; returns their number.
+    """
+    count = 0
+    for i in range(0, points.shape[0], stride):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        px = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
+        py = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
+        pz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+        matches.Y[i, 0], matches.Y[i, 1], matches.Y[i, 2] = px, py, pz
+        k = matches.index[i]
+        matches.index[i] = NO_MATCH
+        if pz < MIN_DEPTH:
+            continue
+        u = camera.fx * px / pz + camera.cx
+        v = camera.fy * py / pz + camera.cy
+        if not (-0.5 <= u < camera.width - 0.5 and -0.5 <= v < camera.height - 0.5):
+            continue
+        gu, gv = gradients[i, 0], gradients[i, 1]
+        kept = False
+        if k >= 0:
+            cost = match_cost(grid.points, k, u, v, gu, gv, criterion)
+            mu, mv = u - matches.query[i, 0], v - matches.query[i, 1]
+            moved = np.sqrt(mu * mu + mv * mv)
+            kept = np.sqrt(cost) + moved < matches.bound[i]
+        if not kept:
+            k, _, second = nearest_in_grid(grid, u, v, gu, gv, criterion, k)
+            matches.query[i, 0], matches.query[i, 1] = u, v
+            matches.bound[i] = np.sqrt(second)
+            if k < 0:
+                continue
+        matches.index[i] = k
+        du, dv = u - grid.points[k, 0], v - grid.points[k, 1]  # Eq. (10)
+        if residual == SIGNED:
+            nu, nv = np.float64(grid.points[k, 2]), np.float64(grid.points[k, 3])  # Eq. (11)
+            r = du * nu + dv * nv  # Eq. (12)
+        else:
+            r = np.sqrt(du * du + dv * dv)  # Eq. (5)
+            nu, nv = (du / r, dv / r) if r > 0 else (0.0, 0.0)
+        matches.normal[i, 0], matches.normal[i, 1] = nu, nv
+        residuals[count] = r
+        count += 1
+    return count
+
+
+@compiled
+def normal_equations(
+    camera: Pinhole,
+    solver: Solver,
+    sigma: float,
+    matches: Matches,
+    residuals: F64,
+    H: F64,
+    b: F64,
+) -> float:
+    """Accumulate H = J^T W J and b = J^T W r; returns the sum of the weights.
+
+    With Y = T x and n the unit vector that the residual is measured along, the derivative by a
+    left perturbation [v, w] of T is [a, Y x a], where a = (d pi / d Y)^T n.
+    """
+    H[:] = 0
+    b[:] = 0
+    J = np.empty(6)
+    inverse = 1 / (sigma * sigma)
+    total = 0.0
+    row = 0
+    for i in range(matches.index.size):
+        if matches.index[i] < 0:
+            continue
+        r = residuals[row]
+        row += 1
+        px, py, pz = matches.Y[i, 0], matches.Y[i, 1], matches.Y[i, 2]
+        au = matches.normal[i, 0] * camera.fx / pz
+        av = matches.normal[i, 1] * camera.fy / pz
+        aw = -(au * px + av * py) / pz
+        J[0], J[1], J[2] = au, av, aw
+        J[3] = py * aw - pz * av
+        J[4] = pz * au - px * aw
+        J[5] = px * av - py * au
+        w = robust_weight(r * r * inverse, solver.weight, solver.tuning)
+        total += w
+        for m in range(6):
+            wj = w * J[m]
+            b[m] += wj * r
+            for n in range(m + 1):
+                H[m, n] += wj * J[n]
+    for m in range(6):
+        for n in range(m):
+            H[n, m] = H[m, n]
+    return total
+
+
+@compiled
+def new_matches(n: int) -> Matches:
+    """State of the matches of n samples, none of them matched."""
+    return Matches(
+        np.full(n, NO_MATCH, np.int32),
+        np.empty((n, 2)),
+        np.empty(n),
+        np.empty((n, 3)),
+        np.empty((n, 2)),
+    )
+
+
+@compiled
+def copy_matches(source: Matches, target: Matches) -> None:
+    """Overwrite the state of one set of matches by another's."""
+    target.index[:] = source.index
+    target.query[:] = source.query
+    target.bound[:] = source.bound
+    target.Y[:] = source.Y
+    target.normal[:] = source.normal
+
+
+@compiled
+def best_start(
+    grid: Grid,
+    points: F64,
+    gradients: F32,
+    camera: Pinhole,
+    starts: F64,
+    criterion: Criterion,
+    solver: Solver,
+    stride: int,
+) -> int:
+    """Which of several poses has the lowest cost over every ``stride``-th sample, at unit scale."""
+    best, best_cost = 0, np.inf
+    if starts.shape[0] > 1:
+        matches = new_matches(points.shape[0])
+        residuals = np.empty(points.shape[0])
+        taken = (points.shape[0] + stride - 1) // stride
+        for s in range(starts.shape[0]):
+            count = warp_and_match(
+                grid,
+                points,
+                gradients,
+                stride,
+                camera,
+                starts[s],
+                criterion,
+                solver.residual,
+                matches,
+                residuals,
+            )
+            cost = mean_cost(residuals, count, taken, 1.0, criterion.limit, solver)
+            if cost < best_cost:
+                best, best_cost = s, cost
+    return best
+
+
+@compiled
+def align(
+    grid: Grid,
+    points: F64,
+    gradients: F32,
+    camera: Pinhole,
+    starts: F64,
+    robust: Criterion,
+    normal: Criterion,
+    first_stage: int,
+    last_stage: int,
+    solver: Solver,
+    stride: int,
+    T: F64,
+    H: F64,
+    index: I32,
+    residuals: F64,
+    history: F64,
+) -> tuple[int, int, int, float, float]:
+    """Register samples (points, gradients) with a reference, Eq. (13)-(14), from the best start.
+
+    Stage 0 matches by the robust criterion until the steps fall below ``switch_px``, stage 1 by
+    the normal one until they fall below ``stop_px`` (§V-B). A step counts by the rms change of
+    the residuals that it predicts. Writes T, H (weights included), index (of the matches among
+    the reference edges, NO_MATCH where none), residuals (packed, in sample order) and history, a
+    row an iteration: stage, matches, sigma, cost, step, damping, accepted, cost of the trial.
+    Returns why it stopped, iterations, number of matches, sigma and cost.
+    """
+    n = points.shape[0]
+    matches, trial = new_matches(n), new_matches(n)
+    trial_residuals = np.empty(n)
+    b, step = np.empty(6), np.empty(6)
+    T[:] = starts[
+        best_start(
+            grid,
+            points,
+            gradients,
+            camera,
+            starts,
+            robust if first_stage == 0 else normal,
+            solver,
+            stride,
+        )
+    ]
+    reason, iterations, count = EXHAUSTED, 0, 0
+    sigma, cost, total = 1.0, 0.0, 0.0
+    for stage in range(first_stage, last_stage + 1):
+        criterion = robust if stage == 0 else normal
+        enough = solver.stop_px if stage == last_stage else solver.switch_px
+        matches.bound[:] = 0  # what held under one criterion need not under another
+        count = warp_and_match(
+            grid, points, gradients, 1, camera, T, criterion, solver.residual, matches, residuals
+        )
+        damping = solver.damping
+        rejections = 0
+        stale = True
+        reason = EXHAUSTED
+        while iterations < solver.max_iterations:
+            if count < solver.min_matches:
+                reason = TOO_FEW
+                break
+            if stale:
+                sigma = scale_of(residuals, count, sigma, solver)
+                cost = mean_cost(residuals, count, n, sigma, criterion.limit, solver)
+                total = normal_equations(camera, solver, sigma, matches, residuals, H, b)
+                stale = False
+            if not solve_damped(H, b, damping, step):
+                reason = SINGULAR
+                break
+            quadratic = 0.0
+            for i in range(6):
+                for j in range(6):
+                    quadratic += step[i] * H[i, j] * step[j]
+            change = np.sqrt(max(quadratic, 0.0) / max(total, 1e-30))
+            row = history[iterations]
+            row[0], row[1], row[2], row[3] = stage, count, sigma, cost
+            row[4], row[5], row[6], row[7] = change, damping, 0, np.nan
+            iterations += 1
+            trial_T = product(exp_se3(step), T)
+            if change < enough:  # too small a step to be worth a trial
+                T[:] = trial_T
+                row[6] = 1
+                reason = CONVERGED
+                break
+            copy_matches(matches, trial)
+            trial_count = warp_and_match(
+                grid,
+                points,
+                gradients,
+                1,
+                camera,
+                trial_T,
+                criterion,
+                solver.residual,
+                trial,
+                trial_residuals,
+            )
+            row[7] = mean_cost(trial_residuals, trial_count, n, sigma, criterion.limit, solver)
+            if row[7] < cost:
+                row[6] = 1
+                T[:] = trial_T
+                count = trial_count
+                matches, trial = trial, matches
+                residuals[:] = trial_residuals
+                damping *= solver.damping_down
+                rejections = 0
+                stale = True
+                if cost - row[7] < solver.stop_cost * cost:
+                    reason = CONVERGED
+                    break
+            else:
+                damping *= solver.damping_up
+                rejections += 1
+                if rejections > solver.max_rejections:
+                    reason = STALLED
+                    break
+        if reason in (TOO_FEW, SINGULAR) or iterations >= solver.max_iterations:
+            break
+    orthonormalize(T)
+    for i in range(n):
+        k = matches.index[i]
+        index[i] = grid.order[k] if k >= 0 else NO_MATCH
+    return reason, iterations, count, sigma, cost

@@ -1,0 +1,236 @@
+"""Registering edges by 2-D edge divergence minimization (§III-C, §IV-B).
+
+The current samples are warped into the reference image (Eq. 1), matched to its edges (Eq. 6),
+and the pose is moved until the signed distances along the edges' normals (Eq. 12) vanish, by
+iteratively re-weighted least squares (Eq. 13) with Levenberg-Marquardt steps (Eq. 14).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edvo import kernels
+from edvo.camera import Camera
+from edvo.config import MatchingConfig, RegistrationConfig
+from edvo.edges import EdgePixels
+from edvo.matching import Criterion, EdgeIndex
+from edvo.robust import TUNING, WEIGHTS
+
+RESIDUALS = {"divergence": kernels.SIGNED, "distance": kernels.DISTANCE}
+STAGES = {"robust-then-normal": (0, 1), "robust": (0, 0), "normal": (1, 1)}
+REASONS = {
+    kernels.CONVERGED: "converged",
+    kernels.STALLED: "no step lowers the cost any more",
+    kernels.EXHAUSTED: "iterations used up",
+    kernels.TOO_FEW: "too few matches",
+    kernels.SINGULAR: "edges do not constrain the motion",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Iteration:
+    """One trial step of a registration.
+
+    Attributes
+    ----------
+    robust : bool
+        Whether the robust criterion matched, else the normal one.
+    matches : int
+    sigma_px : float
+        Scale of the residuals.
+    cost : float
+        Mean robust loss before the step.
+    step_px : float
+        Change of the residuals (rms) that the step predicts.
+    damping : float
+        Lambda of Eq. (14).
+    accepted : bool
+    trial_cost : float
+        Mean robust loss after the step; NaN where the step was too small to be tried.
+    """
+
+    robust: bool
+    matches: int
+    sigma_px: float
+    cost: float
+    step_px: float
+    damping: float
+    accepted: bool
+    trial_cost: float
+
+
+@dataclass(frozen=True, slots=True)
+class Alignment:
+    """What a registration found, with its evidence.
+
+    Attributes
+    ----------
+    T_ref_cur : ndarray of float64, shape (4, 4)
+        The motion g^r_{r,n}: maps points from the current to the reference camera.
+    H : ndarray of float64, shape (6, 6)
+        J^T W J of Eq. (14), over a left perturbation [v, w] of ``T_ref_cur``; px^2.
+    matches : ndarray of int32, shape (N,)
+        Reference edge of each sample; -1 where it has none.
+    residuals : ndarray of float64, shape (N,)
+        Pixels; NaN where there is no match.
+    inliers : int
+        Matches with a residual below ``StatusConfig.inlier_px``.
+    sigma_px : float
+        Scale of the residuals.
+    cost : float
+        Mean robust loss.
+    iterations : int
+        Trial steps, the rejected ones too.
+    converged : bool
+        Whether a step became too small to matter, or none lowered the cost any more.
+    reason : str
+        Why it stopped.
+    history : ndarray of float64, shape (iterations, 8)
+        See ``steps``.
+    """
+
+    T_ref_cur: NDArray[np.float64]
+    H: NDArray[np.float64]
+    matches: NDArray[np.int32]
+    residuals: NDArray[np.float64]
+    inliers: int
+    sigma_px: float
+    cost: float
+    iterations: int
+    converged: bool
+    reason: str
+    history: NDArray[np.float64]
+
+    @property
+    def match_count(self) -> int:
+        """Number of samples with a match."""
+        return int(np.count_nonzero(self.matches >= 0))
+
+    def steps(self) -> list[Iteration]:
+        """Tell what each iteration did."""
+        return [
+            Iteration(stage == 0, int(n), sigma, cost, step, damping, bool(accepted), trial)
+            for stage, n, sigma, cost, step, damping, accepted, trial in self.history.tolist()
+        ]
+
+
+class Registration:
+    """Registers samples with reference edges, by a fixed set of parameters.
+
+    Parameters
+    ----------
+    camera : Camera
+        Of both images. Its distortion plays no role here: edges carry ideal pixels.
+    matching : MatchingConfig
+    registration : RegistrationConfig
+    inlier_px : float
+        Bound on the residual of an inlier.
+    start_stride : int
+        Of several starting poses the best is chosen on one sample in so many.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        matching: MatchingConfig,
+        registration: RegistrationConfig,
+        *,
+        inlier_px: float = 2.0,
+        start_stride: int = 4,
+    ) -> None:
+        self._camera = camera
+        self._inlier_px = inlier_px
+        self._stride = start_stride
+        self._cell_px = matching.cell_px
+        self._first, self._last = STAGES[matching.criterion]
+        self._pinhole = kernels.Pinhole(
+            camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height
+        )
+        limits = (camera.width, matching.max_distance_px, matching.max_angle_deg)
+        self._robust = Criterion(matching.gamma, *limits).compile()
+        self._normal = Criterion(0.0, *limits).compile()
+        self._solver = kernels.Solver(
+            residual=RESIDUALS[registration.residual],
+            weight=WEIGHTS[registration.weight],
+            tuning=registration.nu if registration.weight == "t" else TUNING[registration.weight],
+            min_sigma=registration.min_sigma_px,
+            min_matches=registration.min_matches,
+            max_iterations=registration.max_iterations,
+            switch_px=matching.switch_px,
+            stop_px=registration.stop_px,
+            stop_cost=registration.stop_decrease,
+            damping=registration.damping,
+            damping_up=registration.damping_up,
+            damping_down=registration.damping_down,
+            max_rejections=registration.max_rejections,
+        )
+
+    def index(self, edges: EdgePixels) -> EdgeIndex:
+        """Arrange reference edges for the search.
+
+        Parameters
+        ----------
+        edges : EdgePixels
+
+        Returns
+        -------
+        EdgeIndex
+        """
+        return EdgeIndex(edges, "grid", self._cell_px)
+
+    def align(
+        self, reference: EdgeIndex, samples: EdgePixels, starts: NDArray[np.float64]
+    ) -> Alignment:
+        """Find the motion between the reference and the current camera.
+
+        Parameters
+        ----------
+        reference : EdgeIndex
+            Edges of the reference image.
+        samples : EdgePixels
+            N edges of the current image, with depth.
+        starts : ndarray of float64, shape (K, 4, 4)
+            Guesses of ``T_ref_cur``; the one with the lowest cost is taken.
+
+        Returns
+        -------
+        Alignment
+        """
+        n = len(samples)
+        T, H = np.empty((4, 4)), np.zeros((6, 6))
+        matches, packed = np.empty(n, np.int32), np.empty(n)
+        history = np.empty((self._solver.max_iterations, kernels.HISTORY))
+        code, iterations, count, sigma, cost = kernels.align(
+            reference.grid,
+            samples.points(self._camera),
+            samples.gradients,
+            self._pinhole,
+            np.ascontiguousarray(starts, np.float64),
+            self._robust,
+            self._normal,
+            self._first,
+            self._last,
+            self._solver,
+            self._stride,
+            T,
+            H,
+            matches,
+            packed,
+            history,
+        )
+        residuals = np.full(n, np.nan)
+        residuals[matches >= 0] = packed[:count]
+        return Alignment(
+            T_ref_cur=T,
+            H=H,
+            matches=matches,
+            residuals=residuals,
+            inliers=int(np.count_nonzero(np.abs(packed[:count]) < self._inlier_px)),
+            sigma_px=sigma,
+            cost=cost,
+            iterations=iterations,
+            converged=code in (kernels.CONVERGED, kernels.STALLED),
+            reason=REASONS[code],
+            history=history[:iterations],
+        )

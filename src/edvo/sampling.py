@@ -1,0 +1,59 @@
+"""Sub-sampling of edge pixels, spread over the image by a grid (§IV-A)."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edvo import kernels
+from edvo.camera import Camera
+from edvo.config import EdgesConfig, SamplingConfig
+from edvo.edges import EdgeImage, EdgePixels
+
+
+def sample_edges(
+    edges: EdgeImage,
+    depth: NDArray[np.float32],
+    camera: Camera,
+    config: SamplingConfig,
+    edges_config: EdgesConfig,
+    seed: int,
+) -> EdgePixels:
+    """Draw N edges with depth: so many from each grid cell, the rest at random from all.
+
+    Depth is looked up only for the edges that are drawn (see ``edges.depth_at_edges``); one
+    without depth is passed over and another drawn.
+
+    Parameters
+    ----------
+    edges : EdgeImage
+        Of the current frame.
+    depth : ndarray of float32, shape (H, W)
+        Metres, 0 where missing.
+    camera : Camera
+    config : SamplingConfig
+        N, the size of a cell and how many each gives; N = 0 takes every edge that has depth.
+    edges_config : EdgesConfig
+        How depth is taken at an edge.
+    seed : int
+        The same seed draws the same edges.
+
+    Returns
+    -------
+    EdgePixels
+        At most N, each with a depth > 0, in row order.
+    """
+    count = min(config.count, len(edges)) if config.count else len(edges)
+    which = np.empty(count, np.int32)
+    depths = np.empty(count, np.float32)
+    drawn = kernels.draw_samples(
+        edges.index,
+        depth,
+        config.cell_px,
+        config.per_cell,
+        count,
+        edges_config.depth_window_px // 2,
+        edges_config.depth_gap,
+        seed,
+        which,
+        depths,
+    )
+    return edges.describe(camera, which[:drawn], depths[:drawn])
