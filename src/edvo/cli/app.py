@@ -1,0 +1,190 @@
+"""What commands there are and what they take; each body is in a module of its own."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from edvo.cli import INTERRUPTED
+from edvo.errors import EdvoError
+
+
+class Commands(TyperGroup):
+    """Turns what goes wrong on purpose into one line and an exit status."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run a command; `EdvoError` exits with 1, Ctrl-C with 130."""
+        try:
+            return super().invoke(ctx)
+        except EdvoError as error:
+            typer.echo(f"edvo: {error}", err=True)
+            raise typer.Exit(1) from error
+        except KeyboardInterrupt as interrupt:
+            typer.echo("edvo: interrupted", err=True)
+            raise typer.Exit(INTERRUPTED) from interrupt
+
+
+app = typer.Typer(
+    name="edvo",
+    cls=Commands,
+    help="RGB-D visual odometry from image edges, on a plain CPU.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+Preset = Annotated[
+    str | None,
+    typer.Option(help="Parameters to start from: default, or paper (the method as published)."),
+]
+ConfigFile = Annotated[
+    Path | None, typer.Option("--config", help="YAML file of parameters.", metavar="FILE")
+]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option("--set", help="One parameter; may be repeated.", metavar="A.B=VALUE"),
+]
+Seed = Annotated[int | None, typer.Option(help="Seed of what is drawn at random.", min=0)]
+SourcePath = Annotated[Path, typer.Argument(help="A recording.", metavar="SOURCE")]
+CameraFile = Annotated[
+    str | None,
+    typer.Option(
+        "--camera",
+        help="Camera file (YAML) or name of a known camera, instead of what the source says.",
+        metavar="FILE",
+    ),
+]
+FormatName = Annotated[
+    str | None, typer.Option("--format", help="Format of the source, if not found out.")
+]
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from edvo import __version__
+
+        typer.echo(f"edvo {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def edvo(
+    version: Annotated[
+        bool,
+        typer.Option("--version", help="Show the version.", is_eager=True, callback=_version),
+    ] = False,
+) -> None:
+    """RGB-D visual odometry from image edges, on a plain CPU."""
+
+
+@app.command()
+def run(
+    source: SourcePath,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for results.", metavar="DIR")],
+    preset: Preset = None,
+    config: ConfigFile = None,
+    overrides: Overrides = None,
+    seed: Seed = None,
+    camera: CameraFile = None,
+    format: FormatName = None,
+    start: Annotated[int, typer.Option(help="First frame, counted from 0.", min=0)] = 0,
+    max_frames: Annotated[
+        int | None, typer.Option(help="Track at most so many frames.", min=1)
+    ] = None,
+    stride: Annotated[int, typer.Option(help="Track each n-th frame only.", min=1)] = 1,
+) -> None:
+    """Track a recording.
+
+    Finds out what SOURCE is and writes trajectory.txt (TUM format), frames.csv (a row a frame),
+    summary.json and config.yaml to DIR. Prints errors where the source has ground truth.
+    """
+    from edvo.cli.run import run as body
+
+    body(
+        source,
+        out,
+        preset=preset,
+        config_file=config,
+        overrides=overrides or [],
+        seed=seed,
+        camera=camera,
+        format=format,
+        start=start,
+        max_frames=max_frames,
+        stride=stride,
+    )
+
+
+@app.command()
+def info(
+    source: SourcePath,
+    camera: CameraFile = None,
+    format: FormatName = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Say what would be assumed about a recording, and what looks wrong with it."""
+    from edvo.cli.info import info as body
+
+    body(source, camera=camera, format=format, as_json=as_json)
+
+
+@app.command()
+def evaluate(
+    reference: Annotated[Path, typer.Argument(help="True poses, TUM format.")],
+    estimate: Annotated[Path, typer.Argument(help="Estimated poses, TUM format.")],
+    delta: Annotated[
+        float, typer.Option(help="Span of the relative pose error, seconds.", metavar="SECONDS")
+    ] = 1.0,
+    frames: Annotated[
+        Path | None,
+        typer.Option(
+            help="List of the frames that could have had a pose (rgb.txt, frames.csv), "
+            "for the coverage.",
+            metavar="FILE",
+        ),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    plot: Annotated[
+        Path | None, typer.Option(help="Draw both paths and the errors.", metavar="FILE.png")
+    ] = None,
+) -> None:
+    """Compare a trajectory with the truth by the TUM protocol.
+
+    Prints relative pose error, absolute trajectory error and coverage, and beside them the errors
+    of an estimate that never moves.
+    """
+    from edvo.cli.evaluate import evaluate as body
+
+    body(reference, estimate, delta=delta, frames=frames, as_json=as_json, plot=plot)
+
+
+@app.command()
+def demo(
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Folder for results.", metavar="DIR")
+    ] = Path("edvo-demo"),
+    seconds: Annotated[
+        float, typer.Option(help="Length of each sequence.", min=1.5, max=60.0)
+    ] = 3.0,
+    preset: Preset = None,
+    seed: Annotated[int, typer.Option(help="Seed of sequences and tracker.", min=0)] = 0,
+) -> None:
+    """Make short RGB-D sequences with known truth, track them and draw the result.
+
+    Needs no data and no network. Writes trajectory.txt and what else `edvo run` writes, the true
+    poses, and demo.png.
+    """
+    from edvo.cli.demo import demo as body
+
+    body(out, seconds=seconds, preset=preset, seed=seed)
+
+
+@app.command()
+def warmup() -> None:
+    """Compile the tracker once, so that later runs start at once."""
+    from edvo.cli.warmup import warmup as body
+
+    body()

@@ -1,0 +1,33 @@
+"""`edvo info`."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from edvo.cli.terminal import say
+from edvo.datasets import open_source
+
+
+def info(path: Path, *, camera: str | None, format: str | None, as_json: bool) -> None:
+    """Say what would be assumed about a recording."""
+    described = open_source(path, format=format, camera=camera).describe()
+    if as_json:
+        say(json.dumps(described, indent=2))
+        return
+    warnings = described.pop("warnings")
+    for key, value in described.items():
+        say(f"{key.replace('_', ' ')}: {_text(value)}")
+    for warning in warnings:
+        say(f"warning: {warning}")
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return "none"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {_text(item)}" for key, item in value.items())
+    if isinstance(value, list | tuple):
+        return "[" + " ".join(_text(item) for item in value) + "]"
+    return str(value)

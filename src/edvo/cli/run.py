@@ -1,0 +1,100 @@
+"""`edvo run`."""
+
+from pathlib import Path
+
+import cv2
+import typer
+
+from edvo.cli import INTERRUPTED
+from edvo.cli.compiling import compile_now
+from edvo.cli.configuration import configure
+from edvo.cli.interrupt import stop_on_interrupt
+from edvo.cli.scores import score_table, speed_line
+from edvo.cli.terminal import note, progress, say
+from edvo.datasets import Source, open_source
+from edvo.errors import DatasetError, EvaluationError
+from edvo.evaluation import Evaluation, evaluate
+from edvo.files import output_folder
+from edvo.odometry import Odometry, StageClock, Status
+from edvo.report.results import TRAJECTORY, write_results
+from edvo.report.tracking import Run, choose_frames, track_source
+
+_PROBLEMS_SHOWN = 5
+
+
+def run(
+    path: Path,
+    out: Path,
+    *,
+    preset: str | None,
+    config_file: Path | None,
+    overrides: list[str],
+    seed: int | None,
+    camera: str | None,
+    format: str | None,
+    start: int,
+    max_frames: int | None,
+    stride: int,
+) -> None:
+    """Track a recording and write what came of it; see `edvo.cli.app.run`."""
+    config = configure(preset, config_file, overrides, seed)
+    source = open_source(path, format=format, camera=camera)
+    indices = choose_frames(source, start=start, max_frames=max_frames, stride=stride)
+    folder = output_folder(out)
+    for warning in source.warnings:
+        note(f"warning: {warning}")
+    # Decoding and tracking share the cores by frames; OpenCV's own threads would only contend.
+    cv2.setNumThreads(1)
+    compile_now(config)
+    clock = StageClock()
+    odometry = Odometry(source.camera, config, clock=clock)
+    with stop_on_interrupt() as stop, progress(source.name, len(indices)) as advance:
+        done = track_source(
+            source,
+            odometry,
+            indices=indices,
+            clock=clock,
+            on_frame=lambda record: advance(),
+            stop=stop,
+        )
+    errors = _evaluate(source, done)
+    write_results(done, folder, config, errors)
+    _report(done, folder, errors)
+    if done.interrupted:
+        note(
+            f"interrupted after {len(done.frames)} of {done.wanted} frames; "
+            f"{folder} holds all that was tracked"
+        )
+        raise typer.Exit(INTERRUPTED)
+    if not done.track_times.size:
+        raise DatasetError(f"no frame could be read; the first: {done.problems[0]}")
+
+
+def _evaluate(source: Source, run: Run) -> Evaluation | None:
+    if source.ground_truth is None or not run.frames:
+        return None
+    try:
+        return evaluate(source.ground_truth, run.trajectory(), len(run.frames))
+    except EvaluationError as error:
+        note(f"warning: no errors: {error}")
+        return None
+
+
+def _report(run: Run, folder: Path, errors: Evaluation | None) -> None:
+    for problem in run.problems[:_PROBLEMS_SHOWN]:
+        note(f"skipped: {problem}")
+    if len(run.problems) > _PROBLEMS_SHOWN:
+        note(f"skipped {len(run.problems)} frames in all; frames.csv names each")
+    lost = run.count(Status.LOST)
+    if lost > len(run.problems):
+        note(f"warning: lost in {lost - len(run.problems)} frames; frames.csv says why")
+    say(
+        f"{run.source.name}: {len(run.frames)} frames: {run.count(Status.TRACKED)} tracked, "
+        f"{run.count(Status.DEGRADED)} degraded, {lost} lost ({len(run.problems)} unreadable)"
+    )
+    say(speed_line(run))
+    if errors is not None:
+        say(score_table({"edvo": errors}))
+        for line in errors.notes:
+            note(line)
+    say(f"wrote {folder / TRAJECTORY}, frames.csv, summary.json, config.yaml")

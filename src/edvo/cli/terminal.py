@@ -1,0 +1,86 @@
+"""Words for people: results on standard output, all else on standard error."""
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+import typer
+
+Advance = Callable[[], None]
+
+
+def say(line: str = "") -> None:
+    """Print a line of the result."""
+    typer.echo(line)
+
+
+def note(line: str) -> None:
+    """Print a line beside the result."""
+    typer.echo(f"edvo: {line}", err=True)
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Lay out rows in columns, the first one to the left and the others to the right.
+
+    Parameters
+    ----------
+    header : sequence of str
+        Names of the columns.
+    rows : sequence of sequence of str
+        Cells, as many in each row as the header has.
+
+    Returns
+    -------
+    str
+        Lines of equal layout in a terminal and in a pipe.
+    """
+    lines = [header, *rows]
+    widths = [max(len(line[column]) for line in lines) for column in range(len(header))]
+    shown = []
+    for line in lines:
+        first, *others = (
+            cell.rjust(width) if column else cell.ljust(width)
+            for column, (cell, width) in enumerate(zip(line, widths, strict=True))
+        )
+        shown.append("  ".join([first, *others]).rstrip())
+    shown.insert(1, "  ".join("-" * width for width in widths))
+    return "\n".join(shown)
+
+
+@contextmanager
+def progress(what: str, total: int) -> Iterator[Advance]:
+    """Show a progress bar while there is a terminal to show it on.
+
+    Parameters
+    ----------
+    what : str
+        What is going on.
+    total : int
+        Steps.
+
+    Yields
+    ------
+    callable
+        To be called after each step.
+    """
+    if not sys.stderr.isatty():
+        yield lambda: None
+        return
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(what, total=total)
+        yield lambda: bar.advance(task)

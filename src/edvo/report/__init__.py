@@ -1,0 +1,1 @@
+"""What comes of tracking a source: the loop, the files, the plots."""

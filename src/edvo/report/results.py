@@ -1,0 +1,226 @@
+"""The files of a run: trajectory.txt, frames.csv, summary.json, config.yaml."""
+
+import csv
+import io
+import json
+import math
+import platform
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from edvo import __version__, se3
+from edvo.config import Config
+from edvo.evaluation import Evaluation
+from edvo.files import write_atomically
+from edvo.odometry import Status
+from edvo.report.tracking import FrameRecord, Run
+
+TRAJECTORY = "trajectory.txt"
+FRAMES = "frames.csv"
+SUMMARY = "summary.json"
+CONFIG = "config.yaml"
+
+_POSE_COLUMNS = ("tx", "ty", "tz", "qx", "qy", "qz", "qw")
+
+
+def write_results(
+    run: Run, folder: Path, config: Config, evaluation: Evaluation | None = None
+) -> None:
+    """Write all the files of a run, each whole or not at all, the summary last.
+
+    Parameters
+    ----------
+    run : Run
+        What was tracked.
+    folder : pathlib.Path
+        Where to; it must exist.
+    config : Config
+        The parameters it was tracked with.
+    evaluation : Evaluation, optional
+        Its errors, for the summary.
+
+    Raises
+    ------
+    OutputError
+        If a file cannot be written.
+    """
+    run.trajectory().write(folder / TRAJECTORY)
+    write_atomically(folder / FRAMES, frames_csv(run.frames))
+    config.to_yaml(folder / CONFIG)
+    summary = summarise(run, config, evaluation)
+    write_atomically(folder / SUMMARY, json.dumps(summary, indent=2) + "\n")
+
+
+def frames_csv(frames: Sequence[FrameRecord]) -> str:
+    """Make a table with a row for each frame.
+
+    Parameters
+    ----------
+    frames : sequence of FrameRecord
+        In order.
+
+    Returns
+    -------
+    str
+        CSV. The pose is ``T_world_cam`` in metres; for a lost frame it is a prediction. What a
+        frame does not have is empty. ``track_ms`` is the wall time of the track call, and each
+        other ``..._ms`` a stage of it.
+    """
+    stages = list(dict.fromkeys(stage for record in frames for stage in record.stages))
+    header = [
+        "timestamp",
+        "status",
+        "reason",
+        "keyframe",
+        "is_keyframe",
+        "edges",
+        "samples",
+        "iterations",
+        "matches",
+        "inliers",
+        "sigma_px",
+        "track_ms",
+        *_POSE_COLUMNS,
+        *(f"{stage}_ms" for stage in stages),
+    ]
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(header)
+    for record in frames:
+        result, alignment = record.result, record.result.alignment
+        registration = (
+            ("", "", "", "")
+            if alignment is None
+            else (
+                alignment.iterations,
+                alignment.matches,
+                alignment.inliers,
+                _number(alignment.sigma_px),
+            )
+        )
+        rows.writerow(
+            [
+                record.stamp,
+                result.status.value,
+                result.reason,
+                result.keyframe,
+                int(result.is_keyframe),
+                result.edges,
+                result.samples,
+                *registration,
+                _milliseconds(record.track_s),
+                *_pose(result.T_world_cam),
+                *(_milliseconds(record.stages.get(stage)) for stage in stages),
+            ]
+        )
+    return text.getvalue()
+
+
+def summarise(run: Run, config: Config, evaluation: Evaluation | None = None) -> dict[str, Any]:
+    """Say in plain types what was tracked, with what, how fast and how well.
+
+    Parameters
+    ----------
+    run : Run
+        What was tracked.
+    config : Config
+        Its parameters.
+    evaluation : Evaluation, optional
+        Its errors.
+
+    Returns
+    -------
+    dict
+        Made of what JSON knows; a number that does not exist is None.
+    """
+    source = run.source
+    tracked, degraded, lost = (
+        run.count(status) for status in (Status.TRACKED, Status.DEGRADED, Status.LOST)
+    )
+    times = 1e3 * run.track_times
+    summary = {
+        "edvo": __version__,
+        "source": {
+            "name": source.name,
+            "path": str(source.path),
+            "format": source.format,
+            "frames": len(source),
+        },
+        "camera": {**source.camera.to_dict(), "origin": source.camera_origin},
+        "frames": {
+            "wanted": run.wanted,
+            "processed": len(run.frames),
+            "tracked": tracked,
+            "degraded": degraded,
+            "lost": lost,
+            "unreadable": len(run.problems),
+            "keyframes": sum(record.result.is_keyframe for record in run.frames),
+        },
+        "coverage": (tracked + degraded) / len(run.frames) if run.frames else 0.0,
+        "interrupted": run.interrupted,
+        "problems": run.problems,
+        "wall_s": run.wall_s,
+        "frames_per_s": run.frames_per_s,
+        "track_ms": _spread(times),
+        "stage_ms": _stage_medians(run),
+        "evaluation": None if evaluation is None else evaluation.to_dict(),
+        "config": config.to_dict(),
+        "machine": {
+            "platform": platform.platform(),
+            "python": platform.python_version(),
+            "numpy": np.__version__,
+            "opencv": cv2.__version__,
+            "numba": numba.__version__,
+        },
+    }
+    finite: dict[str, Any] = _only_finite(summary)
+    return finite
+
+
+def _stage_medians(run: Run) -> dict[str, float]:
+    by_stage: dict[str, list[float]] = {}
+    for record in run.frames:
+        for stage, seconds in record.stages.items():
+            by_stage.setdefault(stage, []).append(1e3 * seconds)
+    return {stage: float(np.median(values)) for stage, values in by_stage.items()}
+
+
+def _spread(values: NDArray[np.float64]) -> dict[str, float] | None:
+    if not values.size:
+        return None
+    return {
+        "median": float(np.median(values)),
+        "mean": float(np.mean(values)),
+        "p95": float(np.percentile(values, 95)),
+        "max": float(np.max(values)),
+    }
+
+
+def _pose(T_world_cam: NDArray[np.float64]) -> list[str]:
+    translation, quaternion = se3.to_quaternion(T_world_cam)
+    return [f"{value + 0.0:#.12g}" for value in (*translation.tolist(), *quaternion.tolist())]
+
+
+def _milliseconds(seconds: float | None) -> str:
+    return "" if seconds is None else f"{1e3 * seconds:.4f}"
+
+
+def _number(value: float) -> str:
+    return f"{value:.6g}" if math.isfinite(value) else ""
+
+
+def _only_finite(value: Any) -> Any:
+    """Replace what JSON cannot hold by None."""
+    if isinstance(value, dict):
+        return {key: _only_finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_only_finite(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

@@ -1,0 +1,231 @@
+"""The loop: frames from a source, read ahead, through a tracker, to a `Run`."""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edvo.datasets import Reading, Source, read_ahead
+from edvo.errors import DatasetError, FrameError
+from edvo.frame import Frame
+from edvo.odometry import Status, TrackedFrame
+from edvo.trajectory import Trajectory
+
+
+class Tracker(Protocol):
+    """What `edvo.Odometry` does, and whatever is compared with it."""
+
+    def track(self, frame: Frame) -> TrackedFrame:
+        """Give the pose of a frame."""
+        ...
+
+    def skip(self, timestamp: float, reason: str) -> TrackedFrame:
+        """Take note of a frame that could not be read."""
+        ...
+
+
+class Stages(Protocol):
+    """The clock that was handed to a tracker, as far as the loop needs it."""
+
+    def take(self) -> dict[str, float]:
+        """Give the seconds of each stage since the last call, and start anew."""
+        ...
+
+
+@dataclass(frozen=True)
+class FrameRecord:
+    """One frame of a run.
+
+    Parameters
+    ----------
+    stamp : str
+        Its time as the source writes it.
+    result : TrackedFrame
+        What the tracker says.
+    track_s : float or None
+        Wall time of ``track`` alone, seconds; None for a frame that could not be read.
+    stages : mapping of str to float
+        Seconds of each stage.
+    problem : str or None
+        Why the frame could not be read; None if it could.
+    """
+
+    stamp: str
+    result: TrackedFrame
+    track_s: float | None
+    stages: Mapping[str, float]
+    problem: str | None
+
+
+@dataclass(frozen=True)
+class Run:
+    """A source, tracked.
+
+    Parameters
+    ----------
+    source : Source
+        What was tracked.
+    frames : sequence of FrameRecord
+        Every frame, in order, those that were lost or unreadable too.
+    wanted : int
+        Frames that were to be tracked; more than there are records if the run was interrupted.
+    wall_s : float
+        Wall time of the whole loop, decoding included, seconds.
+    """
+
+    source: Source
+    frames: Sequence[FrameRecord]
+    wanted: int
+    wall_s: float
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether the run was stopped before its end."""
+        return len(self.frames) < self.wanted
+
+    @property
+    def problems(self) -> list[str]:
+        """A line for each frame that could not be read."""
+        return [record.problem for record in self.frames if record.problem is not None]
+
+    def count(self, status: Status) -> int:
+        """Count the frames of a status.
+
+        Parameters
+        ----------
+        status : Status
+            Which one.
+
+        Returns
+        -------
+        int
+            How many.
+        """
+        return sum(record.result.status is status for record in self.frames)
+
+    def trajectory(self) -> Trajectory:
+        """Collect the poses that may be trusted.
+
+        Returns
+        -------
+        Trajectory
+            Tracked and degraded frames only, ``T_world_cam``, with the stamps of the source.
+        """
+        kept = [record for record in self.frames if record.result.status is not Status.LOST]
+        return Trajectory(
+            np.array([record.result.timestamp for record in kept]),
+            np.array([record.result.T_world_cam for record in kept]),
+            tuple(record.stamp for record in kept),
+        )
+
+    @property
+    def track_times(self) -> NDArray[np.float64]:
+        """Wall times of the track calls, seconds; one for each frame that could be read."""
+        return np.array([r.track_s for r in self.frames if r.track_s is not None])
+
+    @property
+    def frames_per_s(self) -> float:
+        """Frames a second of wall time, decoding included."""
+        return len(self.frames) / self.wall_s
+
+
+def choose_frames(
+    source: Source, *, start: int = 0, max_frames: int | None = None, stride: int = 1
+) -> range:
+    """Choose some frames of a source.
+
+    Parameters
+    ----------
+    source : Source
+        Whose frames.
+    start : int
+        The first one, counted from 0.
+    max_frames : int, optional
+        At most so many; all by default.
+    stride : int
+        Each n-th one only.
+
+    Returns
+    -------
+    range
+        Their indices, at least one.
+
+    Raises
+    ------
+    DatasetError
+        If the first one lies behind the end.
+    """
+    if start >= len(source):
+        raise DatasetError(
+            f"{source.path}: there is no frame {start}, it has {len(source)}; start before that"
+        )
+    chosen = range(start, len(source), stride)
+    return chosen if max_frames is None else chosen[:max_frames]
+
+
+def track_source(
+    source: Source,
+    tracker: Tracker,
+    *,
+    indices: Sequence[int] | None = None,
+    clock: Stages | None = None,
+    on_frame: Callable[[FrameRecord], None] | None = None,
+    stop: Callable[[], bool] | None = None,
+) -> Run:
+    """Track frames of a source while the next ones are decoded.
+
+    Parameters
+    ----------
+    source : Source
+        Where the frames come from.
+    tracker : Tracker
+        What tracks them; an `edvo.Odometry` for instance.
+    indices : sequence of int, optional
+        Which frames; all by default.
+    clock : Stages, optional
+        The clock that the tracker was given.
+    on_frame : callable, optional
+        Called with each record as it is made.
+    stop : callable, optional
+        Asked before each frame; once it says yes, the run ends with what there is.
+
+    Returns
+    -------
+    Run
+        Every frame up to the end or the stop.
+
+    Notes
+    -----
+    A frame that cannot be read is skipped, and recorded as lost with its reason.
+    """
+    wanted = range(len(source)) if indices is None else indices
+    records: list[FrameRecord] = []
+    begin = time.perf_counter()
+    with closing(read_ahead(source, wanted)) as readings:
+        for reading in readings:
+            if stop is not None and stop():
+                break
+            records.append(_track(tracker, reading, clock))
+            if on_frame is not None:
+                on_frame(records[-1])
+    return Run(source, records, len(wanted), time.perf_counter() - begin)
+
+
+def _track(tracker: Tracker, reading: Reading, clock: Stages | None) -> FrameRecord:
+    problem = reading.problem
+    if reading.frame is not None:
+        begin = time.perf_counter()
+        try:
+            result = tracker.track(reading.frame)
+        except FrameError as error:
+            problem = str(error)
+        else:
+            seconds = time.perf_counter() - begin
+            stages = {} if clock is None else clock.take()
+            return FrameRecord(reading.stamp, result, seconds, stages, None)
+    reason = problem or "no images"
+    return FrameRecord(reading.stamp, tracker.skip(reading.timestamp, reason), None, {}, reason)

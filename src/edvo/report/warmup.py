@@ -1,0 +1,44 @@
+"""Compiling the tracker by tracking a little."""
+
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from edvo import kernels
+from edvo.camera import Camera
+from edvo.config import Config
+from edvo.frame import Frame
+from edvo.odometry import Odometry
+
+
+def cache_folder() -> Path | None:
+    """Say where compiled code is kept.
+
+    Returns
+    -------
+    pathlib.Path or None
+        The folder; None if no folder can be written, so that each process compiles anew.
+    """
+    path = cast(Any, kernels.align).stats.cache_path
+    return None if path is None else Path(path)
+
+
+def warm_up(config: Config) -> None:
+    """Compile every kernel that a run with these parameters calls, or load it from the cache.
+
+    Parameters
+    ----------
+    config : Config
+        The parameters.
+    """
+    # Bars across a plane, seen from two places: enough edges of two directions to register.
+    width, height = 160, 120
+    camera = Camera(width=width, height=height, fx=130.0, fy=130.0, cx=79.5, cy=59.5)
+    depth = np.full((height, width), 2.0, np.float32)
+    v, u = np.mgrid[:height, :width]
+    odometry = Odometry(camera, config)
+    for index in range(3):
+        bars = ((u + index) // 16 + v // 16) % 2
+        grey = np.ascontiguousarray(60 + 120 * bars, dtype=np.uint8)
+        odometry.track(Frame(timestamp=index / 30.0, grey=grey, depth=depth))

@@ -1,0 +1,90 @@
+"""The command line as a whole: start-up, help, exit statuses, pipes."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from edvo import __version__
+from edvo.cli.terminal import table
+
+from .conftest import Command
+
+HEAVY = {"numpy", "cv2", "numba", "matplotlib", "scipy", "rich"}
+COMMANDS = ["run", "info", "evaluate", "demo", "warmup"]
+INSTALLED = Path(sys.executable).with_name("edvo")
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["run", "--help"]])
+def test_starts_without_heavy_imports(arguments: list[str]) -> None:
+    code = (
+        "import sys\nfrom edvo.cli import main\ntry:\n    main()\n"
+        f"finally:\n    print(sorted({HEAVY!r} & set(sys.modules)), file=sys.stderr)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=True
+    )
+    assert done.stderr == "[]\n"
+
+
+@pytest.mark.skipif(not INSTALLED.exists(), reason="edvo is not installed beside this Python")
+def test_installed_command() -> None:
+    done = subprocess.run([INSTALLED, "--version"], capture_output=True, text=True, check=True)
+    assert done.stdout == f"edvo {__version__}\n"
+    done = subprocess.run(
+        [INSTALLED, "info", "nowhere"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 1
+    assert done.stderr.count("\n") == 1
+
+
+def test_help_lists_the_commands(edvo: Command) -> None:
+    done = edvo("--help")
+    assert done.status == 0
+    for command in COMMANDS:
+        assert command in done.out
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_each_command_has_help(edvo: Command, command: str) -> None:
+    done = edvo(command, "--help")
+    assert done.status == 0
+    assert f"edvo {command}" in done.out
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["fly"], ["run"], ["run", "x", "-o", "y", "--stride", "0"], ["run", "x", "-o", "y", "--fast"]],
+)
+def test_wrong_usage_exits_with_2(edvo: Command, arguments: list[str]) -> None:
+    done = edvo(*arguments)
+    assert done.status == 2
+    assert "Usage" in done.err
+
+
+def test_reader_that_leaves_is_no_news(whole_sequence: Path) -> None:
+    code = "from edvo.cli import main; main()"
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, "info", str(whole_sequence)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    assert process.stderr is not None
+    process.stdout.close()
+    errors = process.stderr.read()
+    process.wait(timeout=60)
+    process.stderr.close()
+    assert errors == ""
+    assert process.returncode != 0
+
+
+def test_table_lines_up() -> None:
+    assert table(["", "a"], [["x", "1.0"], ["long", "22.0"]]).splitlines() == [
+        "         a",
+        "----  ----",
+        "x      1.0",
+        "long  22.0",
+    ]

@@ -1,0 +1,87 @@
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from edvo.trajectory import Trajectory
+
+from .conftest import Command
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> tuple[Path, Path]:
+    """Truth along a line at 0.1 m/s, and an estimate that makes each metre 1.1 m long."""
+    times = np.arange(90) / 30.0
+    poses = np.tile(np.eye(4), (90, 1, 1))
+    poses[:, 0, 3] = 0.1 * times
+    truth = tmp_path / "truth.txt"
+    Trajectory.from_poses(times, poses).write(truth)
+    poses[:, 0, 3] *= 1.1
+    estimate = tmp_path / "estimate.txt"
+    Trajectory.from_poses(times, poses).write(estimate)
+    return truth, estimate
+
+
+def test_prints_what_is_known_by_hand(edvo: Command, files: tuple[Path, Path]) -> None:
+    done = edvo("evaluate", *files)
+    assert done.status == 0
+    assert "0.0100" in done.out  # a tenth of 0.1 m/s
+    assert "zero motion" in done.out
+    assert "0.1000" in done.out
+
+
+def test_json(edvo: Command, files: tuple[Path, Path], tmp_path: Path) -> None:
+    (tmp_path / "rgb.txt").write_text("# list\n" + "1.0 a.png\n" * 100)
+    done = edvo("evaluate", *files, "--json", "--frames", tmp_path / "rgb.txt", "--delta", 0.5)
+    errors = json.loads(done.out)
+    assert errors["rpe"]["delta"] == 0.5
+    assert errors["rpe"]["translation_m"]["rmse"] == pytest.approx(0.005, rel=1e-6)
+    assert errors["rpe_zero_motion"]["translation_m"]["rmse"] == pytest.approx(0.05, rel=1e-6)
+    assert errors["coverage"] == pytest.approx(0.9)
+
+
+def test_plot_is_a_picture(edvo: Command, files: tuple[Path, Path], tmp_path: Path) -> None:
+    picture = tmp_path / "plot.png"
+    assert edvo("evaluate", *files, "--plot", picture).status == 0
+    pixels = cv2.imread(str(picture))
+    assert pixels.shape[1] > 1000
+    assert pixels.std() > 5
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["--delta", "-1"], "delta"),
+        (["--plot", "plot.xyz"], ".xyz"),
+        (["--plot", "missing/plot.png"], "missing"),
+        (["--frames", "missing.txt"], "missing.txt"),
+    ],
+)
+def test_wrong_option_is_one_line(
+    edvo: Command, files: tuple[Path, Path], arguments: list[str], named: str
+) -> None:
+    done = edvo("evaluate", *files, *arguments)
+    assert done.status == 1
+    assert named in done.err
+    assert done.err.count("\n") == 1
+
+
+def test_files_that_are_no_trajectories(
+    edvo: Command, files: tuple[Path, Path], tmp_path: Path
+) -> None:
+    (tmp_path / "bad.txt").write_text("1 2 3\n")
+    for pair in ((files[0], tmp_path / "bad.txt"), (tmp_path / "none.txt", files[1])):
+        done = edvo("evaluate", *pair)
+        assert done.status == 1
+        assert done.err.count("\n") == 1
+        assert ("bad.txt" in done.err) or ("none.txt" in done.err)
+
+
+def test_nothing_in_common(edvo: Command, files: tuple[Path, Path], tmp_path: Path) -> None:
+    late = Trajectory.read(files[1])
+    Trajectory.from_poses(late.timestamps + 1e6, late.poses).write(tmp_path / "late.txt")
+    done = edvo("evaluate", files[0], tmp_path / "late.txt")
+    assert done.status == 1
+    assert done.err.count("\n") == 1

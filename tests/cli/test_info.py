@@ -1,0 +1,30 @@
+import json
+from pathlib import Path
+
+from .conftest import Command
+
+
+def test_says_what_is_assumed(edvo: Command, whole_sequence: Path) -> None:
+    done = edvo("info", whole_sequence)
+    assert done.status == 0
+    assert "format: tum" in done.out
+    assert "frames: 36" in done.out
+    assert "depth scale 5000" in done.out.replace("_", " ")
+    assert "warning" not in done.out
+
+
+def test_json_is_for_programs(edvo: Command, whole_sequence: Path) -> None:
+    described = json.loads(edvo("info", whole_sequence, "--json").out)
+    assert described["format"] == "tum"
+    assert described["camera"]["fx"] == 150.0
+    assert described["ground_truth"]["poses"] == 36
+    assert abs(described["frame_rate_hz"] - 20.0) < 1e-6
+    assert described["warnings"] == []
+
+
+def test_warns_of_stamps_that_repeat(edvo: Command, sequence: Path) -> None:
+    lines = (sequence / "rgb.txt").read_text()
+    (sequence / "rgb.txt").write_text(lines + lines.splitlines()[3] + "\n")
+    done = edvo("info", sequence)
+    assert done.status == 0
+    assert "warning: rgb.txt" in done.out
