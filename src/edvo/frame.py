@@ -1,4 +1,7 @@
-"""A frame: what an RGB-D camera delivers at one instant, checked at the door."""
+"""What a camera delivers at one instant, checked at the door, and depth registered to colour.
+
+Arrays are kept as they are given, not copied: do not write into them afterwards.
+"""
 
 import math
 from dataclasses import dataclass
@@ -6,43 +9,41 @@ from typing import Any, Literal
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from edvo.camera import Camera
 from edvo.errors import FrameError, NoDepthError
 
-CHANNELS_TO_GREY = {
+_GREY_CODES = {
     ("bgr", 3): cv2.COLOR_BGR2GRAY,
     ("rgb", 3): cv2.COLOR_RGB2GRAY,
     ("bgr", 4): cv2.COLOR_BGRA2GRAY,
     ("rgb", 4): cv2.COLOR_RGBA2GRAY,
 }
+# Of a depth pixel's image, per side, pixels: a point that nearly touches the colour camera would
+# otherwise cover all of it.
+_LARGEST_FOOTPRINT = 16
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """A grey image and a depth image of the same size, taken together.
-
-    The arrays are not copied: whoever makes a frame must not write into them afterwards.
+    """A grey image and the depth image registered to it.
 
     Attributes
     ----------
     timestamp : float
         Seconds.
     grey : ndarray of uint8, shape (H, W)
+        C-contiguous; not copied.
     depth : ndarray of float32, shape (H, W)
-        Metres along the optical axis, in the camera of the grey image; 0 where missing.
+        Depth along z in metres, 0 where missing; C-contiguous; not copied.
 
     Raises
     ------
     FrameError
-        If a shape, a type or a size is wrong, or the timestamp is not finite.
+        If type, shape, size or values are not these; `Frame.from_images` takes more kinds.
     NoDepthError
-        If not a single pixel has a depth.
-
-    See Also
-    --------
-    Frame.from_images : for what cameras and image files give.
+        If no depth value is above zero.
     """
 
     timestamp: float
@@ -50,35 +51,25 @@ class Frame:
     depth: NDArray[np.float32]
 
     def __post_init__(self) -> None:
-        if not math.isfinite(self.timestamp):
-            raise FrameError(f"timestamp {self.timestamp!r} is not finite; give it in seconds")
-        for name, image, dtype in (
-            ("grey", self.grey, np.uint8),
-            ("depth", self.depth, np.float32),
-        ):
-            if not isinstance(image, np.ndarray) or image.ndim != 2 or image.dtype != dtype:
-                raise FrameError(
-                    f"{name} image is {_kind(image)}; give {np.dtype(dtype)} (H, W), "
-                    "or use Frame.from_images"
-                )
-            if not image.flags.c_contiguous:
-                object.__setattr__(self, name, np.ascontiguousarray(image))
-        if self.grey.shape != self.depth.shape:
+        try:
+            timestamp = float(self.timestamp)
+        except (TypeError, ValueError):
+            timestamp = math.nan
+        if not math.isfinite(timestamp):
+            raise FrameError(f"timestamp is {self.timestamp!r}; give finite seconds")
+        object.__setattr__(self, "timestamp", timestamp)
+        _check_image("grey", self.grey, np.dtype(np.uint8))
+        _check_image("depth", self.depth, np.dtype(np.float32))
+        _check_same_size("grey", self.grey, self.depth)
+        # Minimum and maximum carry NaN along: two passes see everything that can be wrong.
+        low, high = float(self.depth.min()), float(self.depth.max())
+        if not (low >= 0.0 and high < math.inf):
             raise FrameError(
-                f"grey image is {_size(self.grey)}, depth image is {_size(self.depth)}; "
-                "bring the depth into the colour camera by edvo.frame.register_depth"
+                f"depth has values from {low} to {high}; "
+                "give metres with 0 where missing, or use Frame.from_images"
             )
-        if not self.grey.size:
-            raise FrameError("images are empty; give at least one pixel")
-        # two looks at the image tell all: NaN fails every comparison
-        low, high, _, _ = cv2.minMaxLoc(self.depth)
-        if not (low >= 0 and high < math.inf) or math.isnan(float(self.depth.sum())):
-            raise FrameError(
-                "depth image has negative or non-finite values; put 0 where depth is missing, "
-                "or use Frame.from_images"
-            )
-        if high == 0:
-            raise NoDepthError("depth image has no valid pixel; is the lens covered?")
+        if high == 0.0:
+            raise NoDepthError("depth has no valid value; all pixels are missing")
 
     @classmethod
     def from_images(
@@ -90,170 +81,192 @@ class Frame:
         depth_scale: float = 1000.0,
         order: Literal["bgr", "rgb"] = "bgr",
     ) -> "Frame":
-        """Make a frame of what cameras and image files give.
+        """Build a frame from the images that cameras and files deliver.
 
         Parameters
         ----------
         timestamp : float
             Seconds.
         colour : ndarray of uint8, shape (H, W), (H, W, 1), (H, W, 3) or (H, W, 4)
-            Grey or colour, with or without alpha.
-        depth : ndarray of uint16, float32 or float64, shape (H, W)
-            Integers are divided by ``depth_scale``, floats are metres; NaN, infinite and
-            negative values count as missing.
+            Grey, colour, or colour with alpha, which is left out.
+        depth : ndarray of uint16, float32 or float64, shape (H, W) or (H, W, 1)
+            Registered to ``colour``. uint16 in units of ``depth_scale``, floats in metres; NaN,
+            infinite and negative values are missing.
         depth_scale : float
-            Integer value that means one metre: 1000 for millimetres, 5000 for TUM RGB-D.
+            uint16 value of one metre: 1000 for millimetres, 5000 for TUM files.
         order : {"bgr", "rgb"}
-            Order of the colour channels; OpenCV reads files as BGR.
+            Order of the colour channels; OpenCV delivers BGR.
 
         Returns
         -------
         Frame
+            Grey contiguous input and clean float32 depth are taken without a copy; the input is
+            never changed.
 
         Raises
         ------
         FrameError
-            If a shape or a type is none of these, or the sizes differ.
+            If an image is none of these, or their sizes differ.
         NoDepthError
-            If not a single pixel has a depth.
+            If no depth value is valid.
+
+        Examples
+        --------
+        >>> colour = np.full((480, 640, 3), 128, np.uint8)
+        >>> depth = np.full((480, 640), 1500, np.uint16)
+        >>> float(Frame.from_images(0.0, colour, depth, depth_scale=1000.0).depth[0, 0])
+        1.5
         """
-        return cls(timestamp, to_grey(colour, order), to_metres(depth, depth_scale))
-
-
-def to_grey(colour: NDArray[Any], order: Literal["bgr", "rgb"] = "bgr") -> NDArray[np.uint8]:
-    """Grey image of a colour image.
-
-    Parameters
-    ----------
-    colour : ndarray of uint8, shape (H, W), (H, W, 1), (H, W, 3) or (H, W, 4)
-    order : {"bgr", "rgb"}
-
-    Returns
-    -------
-    ndarray of uint8, shape (H, W)
-
-    Raises
-    ------
-    FrameError
-        If it is none of these.
-    """
-    if order not in ("bgr", "rgb"):
-        raise FrameError(f"channel order {order!r}; give 'bgr' or 'rgb'")
-    if isinstance(colour, np.ndarray) and colour.dtype == np.uint8:
-        if colour.ndim == 2:
-            return colour
-        if colour.ndim == 3 and colour.shape[2] == 1:
-            return colour[..., 0]
-        if colour.ndim == 3 and colour.size and (order, colour.shape[2]) in CHANNELS_TO_GREY:
-            code = CHANNELS_TO_GREY[order, colour.shape[2]]
-            return cv2.cvtColor(np.ascontiguousarray(colour), code)  # type: ignore[return-value]
-    raise FrameError(f"colour image is {_kind(colour)}; give uint8 (H, W), (H, W, 3) or (H, W, 4)")
-
-
-def to_metres(depth: NDArray[Any], depth_scale: float) -> NDArray[np.float32]:
-    """Depth image in metres with 0 where it is missing.
-
-    Parameters
-    ----------
-    depth : ndarray of uint16, float32 or float64, shape (H, W)
-        Integers are divided by ``depth_scale``, floats are metres.
-    depth_scale : float
-        Integer value that means one metre.
-
-    Returns
-    -------
-    ndarray of float32, shape (H, W)
-
-    Raises
-    ------
-    FrameError
-        If it is none of these, or the scale is not above zero.
-    """
-    if not (math.isfinite(depth_scale) and depth_scale > 0):
-        raise FrameError(f"depth scale {depth_scale!r}; give the image value of one metre")
-    if isinstance(depth, np.ndarray) and depth.ndim == 3 and depth.shape[2] == 1:
-        depth = depth[..., 0]
-    if isinstance(depth, np.ndarray) and depth.ndim == 2:
-        if depth.dtype == np.uint16:
-            return depth * np.float32(1 / depth_scale)
-        if depth.dtype in (np.float32, np.float64):
-            with np.errstate(invalid="ignore", over="ignore"):
-                metres = depth.astype(np.float32)
-                metres[~((metres > 0) & (metres < np.inf))] = 0
-            return metres
-    raise FrameError(f"depth image is {_kind(depth)}; give uint16, float32 or float64 (H, W)")
+        _check_same_size("colour", _array("colour", colour), _array("depth", depth))
+        return cls(timestamp, _to_grey(colour, order), _to_metres(depth, depth_scale))
 
 
 def register_depth(
-    depth: NDArray[np.float32],
-    depth_camera: Camera,
-    colour_camera: Camera,
-    T_colour_depth: NDArray[np.float64],
+    depth: NDArray[Any], depth_camera: Camera, colour_camera: Camera, T_colour_depth: ArrayLike
 ) -> NDArray[np.float32]:
-    """Depth image as the colour camera sees it, from that of a separate depth camera.
+    """Carry a depth image into the view of the colour camera.
 
-    Each depth pixel is a small square patch; the patch is moved into the colour camera and
-    covers all pixels that it lands on, the near one winning, so that a larger colour image gets
-    no holes.
+    Each depth pixel is moved to the colour camera and covers there the pixels whose centres lie
+    in its footprint, so that no holes open where the colour image is finer; the nearer surface
+    wins where two meet.
 
     Parameters
     ----------
-    depth : ndarray of float32, shape (Hd, Wd)
-        Metres in the depth camera, 0 where missing.
+    depth : ndarray of float, shape (depth_camera.height, depth_camera.width)
+        Metres, 0 or NaN where missing.
     depth_camera, colour_camera : Camera
-        Sizes may differ; both may have distortion.
-    T_colour_depth : ndarray of float64, shape (4, 4)
-        Maps points from the depth camera to the colour camera.
+        Of the two images as they are, with their distortion.
+    T_colour_depth : array_like of float, shape (4, 4)
+        Maps points from the depth camera to the colour camera, metres.
 
     Returns
     -------
-    ndarray of float32, shape (Hc, Wc)
-        Metres in the colour camera, 0 where nothing is seen.
+    ndarray of float32, shape (colour_camera.height, colour_camera.width)
+        Depth along z of the colour camera, metres, 0 where nothing was seen.
 
     Raises
     ------
     FrameError
-        If the depth image does not have the size of its camera.
+        If the depth image or the motion has another shape or type.
     """
-    if depth.shape != (depth_camera.height, depth_camera.width):
+    depth = _array("depth", depth)
+    if depth.dtype.kind != "f" or depth.shape != (depth_camera.height, depth_camera.width):
         raise FrameError(
-            f"depth image is {_size(depth)}, its camera "
-            f"{depth_camera.width} x {depth_camera.height}; give the camera of this image"
+            f"depth is {depth.dtype} {_size(depth)}; register_depth wants metres (float32) of "
+            f"the depth camera's {depth_camera.width}x{depth_camera.height}"
         )
-    v, u = np.nonzero(depth > 0)
-    z = depth[v, u].astype(np.float64)
-    corners = []
-    for off in (-0.5, 0.5):
-        raw = np.stack([u + off, v + off], axis=1)
-        points = depth_camera.backproject(raw, z) @ T_colour_depth[:3, :3].T + T_colour_depth[:3, 3]
-        front = points[:, 2] > 1e-3
-        pixels = np.full((len(points), 2), -10.0)
-        pixels[front] = colour_camera.project(points[front])
-        corners.append((pixels, points[:, 2]))
-    (low, z_low), (high, z_high) = corners
-    seen = (0.5 * (z_low + z_high)).astype(np.float32)
-    # half-open footprints tile: neighbours do not overlap where nothing is stretched
-    first = np.ceil(np.minimum(low, high) - 1e-6).astype(np.int64)
-    last = np.ceil(np.maximum(low, high) - 1e-6).astype(np.int64) - 1
-    last = np.maximum(last, first)
-    last = np.minimum(last, first + 8)  # a patch never covers more: beyond, it is seen edge-on
-    result = np.full((colour_camera.height, colour_camera.width), np.inf, np.float32)
-    for dv in range(9):
-        for du in range(9):
-            uu, vv = first[:, 0] + du, first[:, 1] + dv
-            ok = (uu <= last[:, 0]) & (vv <= last[:, 1]) & (seen > 0)
-            ok &= (uu >= 0) & (uu < colour_camera.width) & (vv >= 0) & (vv < colour_camera.height)
-            if ok.any():
-                np.minimum.at(result, (vv[ok], uu[ok]), seen[ok])
-    result[np.isinf(result)] = 0
-    return result
+    T = np.asarray(T_colour_depth, dtype=np.float64)
+    if T.shape != (4, 4) or not np.isfinite(T).all():
+        raise FrameError(f"T_colour_depth is of shape {T.shape}; give a finite 4x4 matrix")
+
+    rows, columns = np.nonzero(np.isfinite(depth) & (depth > 0.0))
+    z = depth[rows, columns].astype(np.float64)
+    pixels = np.column_stack((columns, rows)).astype(np.float64)
+
+    def seen(offset_u: float, offset_v: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        points = depth_camera.backproject(pixels + np.array([offset_u, offset_v]), z)
+        points = points @ T[:3, :3].T + T[:3, 3]
+        return colour_camera.project(points), points[:, 2]
+
+    # Three corners of each depth pixel span the parallelogram that it covers.
+    corner, _ = seen(-0.5, -0.5)
+    along_u = seen(0.5, -0.5)[0] - corner
+    along_v = seen(-0.5, 0.5)[0] - corner
+    z = seen(0.0, 0.0)[1]
+    low = corner + np.minimum(along_u, 0.0) + np.minimum(along_v, 0.0)
+    high = corner + np.maximum(along_u, 0.0) + np.maximum(along_v, 0.0)
+    return _splat(low, high, z, colour_camera)
 
 
-def _kind(image: object) -> str:
-    if isinstance(image, np.ndarray):
-        return f"{image.dtype} {image.shape}"
-    return type(image).__name__
+def _splat(
+    low: NDArray[np.float64], high: NDArray[np.float64], z: NDArray[np.float64], camera: Camera
+) -> NDArray[np.float32]:
+    """Write z into the pixels whose centres lie in [low, high), the smallest winning."""
+    size = np.array([camera.width, camera.height])
+    # Also drops NaN, which stands for points that the camera cannot see.
+    visible = ((high > -0.5) & (low < size)).all(axis=1)
+    low, high, z = low[visible], high[visible], z[visible].astype(np.float32)
+    first = np.ceil(low)
+    count = np.minimum(np.ceil(high) - first, _LARGEST_FOOTPRINT).astype(np.intp)
+    first = first.astype(np.intp)
+    image = np.full(camera.height * camera.width, np.inf, np.float32)
+    most_u, most_v = count.max(axis=0, initial=0)
+    for step_v in range(most_v):
+        for step_u in range(most_u):
+            u, v = first[:, 0] + step_u, first[:, 1] + step_v
+            hit = (step_u < count[:, 0]) & (step_v < count[:, 1])
+            hit &= (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
+            np.minimum.at(image, v[hit] * camera.width + u[hit], z[hit])
+    image[np.isinf(image)] = 0.0
+    return image.reshape(camera.height, camera.width)
+
+
+def _to_grey(colour: NDArray[Any], order: str) -> NDArray[np.uint8]:
+    if colour.dtype != np.uint8:
+        raise FrameError(f"colour is {colour.dtype}; give uint8, 0 to 255")
+    if order not in ("bgr", "rgb"):
+        raise FrameError(f"order is {order!r}; give 'bgr' or 'rgb'")
+    if colour.ndim == 2:
+        return np.ascontiguousarray(colour)
+    channels = colour.shape[2] if colour.ndim == 3 else 0
+    if channels == 1:
+        return np.ascontiguousarray(colour[:, :, 0])
+    if (order, channels) not in _GREY_CODES:
+        raise FrameError(f"colour has shape {colour.shape}; give (H, W), (H, W, 3) or (H, W, 4)")
+    # OpenCV's weights, as every image in the paper's comparisons was made grey.
+    grey = cv2.cvtColor(np.ascontiguousarray(colour), _GREY_CODES[order, channels])
+    return np.asarray(grey, dtype=np.uint8)
+
+
+def _to_metres(depth: NDArray[Any], depth_scale: float) -> NDArray[np.float32]:
+    if depth.ndim == 3 and depth.shape[2] == 1:
+        depth = depth[:, :, 0]
+    if depth.ndim != 2:
+        raise FrameError(f"depth has shape {depth.shape}; give (H, W)")
+    kind, size = depth.dtype.kind, depth.dtype.itemsize  # whatever the byte order
+    if kind == "u" and size == 2:
+        if not (math.isfinite(depth_scale) and depth_scale > 0.0):
+            raise FrameError(f"depth_scale is {depth_scale}; give the depth value of one metre")
+        metres = depth.astype(np.float32)
+        metres /= np.float32(depth_scale)
+        return metres
+    if kind != "f" or size not in (4, 8):
+        raise FrameError(f"depth is {depth.dtype}; give uint16 with depth_scale, or float32 metres")
+    with np.errstate(over="ignore"):
+        metres = np.ascontiguousarray(depth, dtype=np.float32)
+    if metres.size and not (metres.min() >= 0.0 and metres.max() < np.inf):
+        metres = np.where((metres > 0.0) & (metres < np.inf), metres, np.float32(0.0))
+    return metres
+
+
+def _array(name: str, image: Any) -> NDArray[Any]:
+    if not isinstance(image, np.ndarray):
+        raise FrameError(
+            f"{name} is {type(image).__name__}; give a NumPy array (None: the file was not read)"
+        )
+    return image
+
+
+def _check_image(name: str, image: Any, dtype: "np.dtype[Any]") -> None:
+    image = _array(name, image)
+    if image.dtype != dtype or image.ndim != 2:
+        raise FrameError(
+            f"{name} is {image.dtype} of shape {image.shape}; give {dtype} of shape (H, W), "
+            "or use Frame.from_images"
+        )
+    if image.size == 0:
+        raise FrameError(f"{name} has shape {image.shape}; give an image with pixels")
+    if not image.flags.c_contiguous:
+        raise FrameError(f"{name} is not C-contiguous; use Frame.from_images, or a copy of it")
+
+
+def _check_same_size(name: str, colour: NDArray[Any], depth: NDArray[Any]) -> None:
+    if colour.shape[:2] != depth.shape[:2]:
+        raise FrameError(
+            f"{name} is {_size(colour)} and depth {_size(depth)}; "
+            "register depth to colour first (edvo.frame.register_depth)"
+        )
 
 
 def _size(image: NDArray[Any]) -> str:
-    return f"{image.shape[1]} x {image.shape[0]}"
+    return "x".join(str(side) for side in image.shape[1::-1]) or "a single value"
