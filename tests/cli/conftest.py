@@ -18,6 +18,7 @@ fx: {FOCAL}
 fy: {FOCAL}
 cx: 79.5
 cy: 59.5
+distortion: [0, 0, 0, 0, 0]
 depth_scale: 5000
 """
 
@@ -66,10 +67,13 @@ def position(index: int) -> float:
 
 
 def make_sequence(folder: Path, frames: int = 36) -> Path:
-    """Write a recording of a wall of tiles, along which the camera slides."""
+    """Write a recording of a wall of cards, past which the camera slides."""
+    # Cards of all sizes: a regular pattern would look the same from several places.
     rng = np.random.default_rng(7)
-    tiles = rng.integers(30, 225, (12, 24), dtype=np.uint8)
-    wall = cv2.resize(tiles, (24 * 20, 12 * 20), interpolation=cv2.INTER_NEAREST)
+    wall = np.full((240, 480), 120, np.uint8)
+    cards = rng.integers((0, 0, 8, 8, 30), (470, 230, 60, 50, 225), (180, 5))
+    for u, v, width, height, grey in cards:
+        wall[v : v + height, u : u + width] = grey
     wall = cv2.GaussianBlur(wall, (3, 3), 0)
     depth = np.full((HEIGHT, WIDTH), int(DEPTH_M * 5000), np.uint16)
     lists: dict[str, list[str]] = {"rgb": [], "depth": [], "groundtruth": []}

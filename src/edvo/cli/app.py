@@ -1,5 +1,6 @@
 """What commands there are and what they take; each body is in a module of its own."""
 
+import logging
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -7,6 +8,7 @@ import typer
 from typer.core import TyperGroup
 
 from edvo.cli import INTERRUPTED
+from edvo.cli.terminal import Notes
 from edvo.errors import EdvoError
 
 
@@ -24,6 +26,10 @@ class Commands(TyperGroup):
             typer.echo("edvo: interrupted", err=True)
             raise typer.Exit(INTERRUPTED) from interrupt
 
+
+logging.getLogger("edvo").addHandler(Notes(logging.WARNING))
+# Each command sums up the frames that are lost; a line for each would drown that.
+logging.getLogger("edvo.odometry").setLevel(logging.ERROR)
 
 app = typer.Typer(
     name="edvo",

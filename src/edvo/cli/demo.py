@@ -12,11 +12,12 @@ from edvo.cli.configuration import configure
 from edvo.cli.interrupt import stop_on_interrupt
 from edvo.cli.scores import score_table, speed_line
 from edvo.cli.terminal import note, progress, say
+from edvo.clock import StageClock
 from edvo.config import Config
 from edvo.errors import EvaluationError
 from edvo.evaluation import evaluate
 from edvo.files import output_folder
-from edvo.odometry import Odometry, StageClock
+from edvo.odometry import Odometry
 from edvo.report.demo import SCENES, demo_source, picture_of
 from edvo.report.plots import draw_scenes
 from edvo.report.results import TRAJECTORY, write_results

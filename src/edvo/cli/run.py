@@ -11,11 +11,12 @@ from edvo.cli.configuration import configure
 from edvo.cli.interrupt import stop_on_interrupt
 from edvo.cli.scores import score_table, speed_line
 from edvo.cli.terminal import note, progress, say
+from edvo.clock import StageClock
 from edvo.datasets import Source, open_source
 from edvo.errors import DatasetError, EvaluationError
 from edvo.evaluation import Evaluation, evaluate
 from edvo.files import output_folder
-from edvo.odometry import Odometry, StageClock, Status
+from edvo.odometry import Odometry, Status
 from edvo.report.results import TRAJECTORY, write_results
 from edvo.report.tracking import Run, choose_frames, track_source
 

@@ -1,5 +1,6 @@
 """Words for people: results on standard output, all else on standard error."""
 
+import logging
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -17,6 +18,14 @@ def say(line: str = "") -> None:
 def note(line: str) -> None:
     """Print a line beside the result."""
     typer.echo(f"edvo: {line}", err=True)
+
+
+class Notes(logging.Handler):
+    """Prints what the library logs as notes."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Print one."""
+        note(record.getMessage())
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

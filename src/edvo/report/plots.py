@@ -81,9 +81,8 @@ def draw_scenes(path: Path, scenes: Sequence[Scene], *, title: str) -> None:
     """
     figure = _figure(16.0, 5.0 * len(scenes) + 0.5)
     figure.suptitle(title, fontsize=15, fontweight="bold")
-    for part, scene in zip(
-        figure.subfigures(len(scenes), 1, squeeze=False).flat, scenes, strict=True
-    ):
+    parts = figure.subfigures(len(scenes), 1, squeeze=False).flat
+    for part, scene in zip(parts, scenes, strict=True):
         part.suptitle(scene.title, fontsize=12, fontweight="bold")
         grid = part.add_gridspec(2, 3, height_ratios=(5.0, 1.0), width_ratios=(1.2, 1.0, 1.1))
         _draw_edges(part.add_subplot(grid[0, 0]), scene)

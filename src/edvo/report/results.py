@@ -93,29 +93,22 @@ def frames_csv(frames: Sequence[FrameRecord]) -> str:
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(header)
     for record in frames:
-        result, alignment = record.result, record.result.alignment
-        registration = (
-            ("", "", "", "")
-            if alignment is None
-            else (
-                alignment.iterations,
-                alignment.matches,
-                alignment.inliers,
-                _number(alignment.sigma_px),
-            )
-        )
+        found = record.registration
         rows.writerow(
             [
                 record.stamp,
-                result.status.value,
-                result.reason,
-                result.keyframe,
-                int(result.is_keyframe),
-                result.edges,
-                result.samples,
-                *registration,
+                record.status.value,
+                record.reason,
+                record.keyframe,
+                int(record.is_keyframe),
+                record.edges,
+                record.samples,
+                "" if found is None else found.iterations,
+                "" if found is None else found.matches,
+                "" if found is None else found.inliers,
+                "" if found is None else _number(found.sigma_px),
                 _milliseconds(record.track_s),
-                *_pose(result.T_world_cam),
+                *_pose(record.T_world_cam),
                 *(_milliseconds(record.stages.get(stage)) for stage in stages),
             ]
         )
@@ -160,7 +153,7 @@ def summarise(run: Run, config: Config, evaluation: Evaluation | None = None) ->
             "degraded": degraded,
             "lost": lost,
             "unreadable": len(run.problems),
-            "keyframes": sum(record.result.is_keyframe for record in run.frames),
+            "keyframes": sum(record.is_keyframe for record in run.frames),
         },
         "coverage": (tracked + degraded) / len(run.frames) if run.frames else 0.0,
         "interrupted": run.interrupted,

@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from edvo.clock import StageClock
 from edvo.datasets import Reading, Source, read_ahead
 from edvo.errors import DatasetError, FrameError
 from edvo.frame import Frame
@@ -28,24 +29,30 @@ class Tracker(Protocol):
         ...
 
 
-class Stages(Protocol):
-    """The clock that was handed to a tracker, as far as the loop needs it."""
-
-    def take(self) -> dict[str, float]:
-        """Give the seconds of each stage since the last call, and start anew."""
-        ...
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class FrameRecord:
-    """One frame of a run.
+    """What is kept of one frame: small, since a run may have many.
 
     Parameters
     ----------
     stamp : str
         Its time as the source writes it.
-    result : TrackedFrame
-        What the tracker says.
+    timestamp : float
+        The same in seconds.
+    status : Status
+        How far its pose may be trusted.
+    reason : str
+        Why it is not tracked; empty where it is.
+    T_world_cam : ndarray, shape (4, 4), float64
+        Its pose, metres; predicted where it is lost.
+    keyframe : int
+        Number, in this run, of the frame it was registered to; -1 for none.
+    is_keyframe : bool
+        Whether it became a keyframe.
+    edges, samples : int
+        Edge pixels, and how many of them were registered.
+    registration : Registration or None
+        How that went; None where there was none.
     track_s : float or None
         Wall time of ``track`` alone, seconds; None for a frame that could not be read.
     stages : mapping of str to float
@@ -55,10 +62,38 @@ class FrameRecord:
     """
 
     stamp: str
-    result: TrackedFrame
+    timestamp: float
+    status: Status
+    reason: str
+    T_world_cam: NDArray[np.float64]
+    keyframe: int
+    is_keyframe: bool
+    edges: int
+    samples: int
+    registration: "Registration | None"
     track_s: float | None
     stages: Mapping[str, float]
     problem: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Registration:
+    """The numbers of an `edvo.registration.Alignment`, without its arrays.
+
+    Parameters
+    ----------
+    iterations : int
+        Trial steps.
+    matches, inliers : int
+        Samples with a match, and with a good one.
+    sigma_px : float
+        Scale of the residuals, pixels.
+    """
+
+    iterations: int
+    matches: int
+    inliers: int
+    sigma_px: float
 
 
 @dataclass(frozen=True)
@@ -105,7 +140,7 @@ class Run:
         int
             How many.
         """
-        return sum(record.result.status is status for record in self.frames)
+        return sum(record.status is status for record in self.frames)
 
     def trajectory(self) -> Trajectory:
         """Collect the poses that may be trusted.
@@ -115,10 +150,10 @@ class Run:
         Trajectory
             Tracked and degraded frames only, ``T_world_cam``, with the stamps of the source.
         """
-        kept = [record for record in self.frames if record.result.status is not Status.LOST]
+        kept = [record for record in self.frames if record.status is not Status.LOST]
         return Trajectory(
-            np.array([record.result.timestamp for record in kept]),
-            np.array([record.result.T_world_cam for record in kept]),
+            np.array([record.timestamp for record in kept]),
+            np.array([record.T_world_cam for record in kept]),
             tuple(record.stamp for record in kept),
         )
 
@@ -172,7 +207,7 @@ def track_source(
     tracker: Tracker,
     *,
     indices: Sequence[int] | None = None,
-    clock: Stages | None = None,
+    clock: StageClock | None = None,
     on_frame: Callable[[FrameRecord], None] | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> Run:
@@ -186,7 +221,7 @@ def track_source(
         What tracks them; an `edvo.Odometry` for instance.
     indices : sequence of int, optional
         Which frames; all by default.
-    clock : Stages, optional
+    clock : StageClock, optional
         The clock that the tracker was given.
     on_frame : callable, optional
         Called with each record as it is made.
@@ -215,17 +250,44 @@ def track_source(
     return Run(source, records, len(wanted), time.perf_counter() - begin)
 
 
-def _track(tracker: Tracker, reading: Reading, clock: Stages | None) -> FrameRecord:
-    problem = reading.problem
-    if reading.frame is not None:
-        begin = time.perf_counter()
-        try:
-            result = tracker.track(reading.frame)
-        except FrameError as error:
-            problem = str(error)
-        else:
-            seconds = time.perf_counter() - begin
-            stages = {} if clock is None else clock.take()
-            return FrameRecord(reading.stamp, result, seconds, stages, None)
-    reason = problem or "no images"
-    return FrameRecord(reading.stamp, tracker.skip(reading.timestamp, reason), None, {}, reason)
+def _track(tracker: Tracker, reading: Reading, clock: StageClock | None) -> FrameRecord:
+    if reading.frame is None:
+        return _skip(tracker, reading, reading.problem or "no images")
+    begin = time.perf_counter()
+    try:
+        result = tracker.track(reading.frame)
+    except FrameError as error:
+        return _skip(tracker, reading, str(error))
+    seconds = time.perf_counter() - begin
+    return _record(reading, result, seconds, {} if clock is None else clock.take(), None)
+
+
+def _skip(tracker: Tracker, reading: Reading, problem: str) -> FrameRecord:
+    return _record(reading, tracker.skip(reading.timestamp, problem), None, {}, problem)
+
+
+def _record(
+    reading: Reading,
+    result: TrackedFrame,
+    track_s: float | None,
+    stages: Mapping[str, float],
+    problem: str | None,
+) -> FrameRecord:
+    found = result.alignment
+    return FrameRecord(
+        stamp=reading.stamp,
+        timestamp=reading.timestamp,
+        status=result.status,
+        reason=result.reason,
+        T_world_cam=result.T_world_cam,
+        keyframe=result.keyframe,
+        is_keyframe=result.is_keyframe,
+        edges=result.edges,
+        samples=result.samples,
+        registration=None
+        if found is None
+        else Registration(found.iterations, found.match_count, found.inliers, found.sigma_px),
+        track_s=track_s,
+        stages=stages,
+        problem=problem,
+    )
