@@ -190,10 +190,10 @@ class World:
             _patch(heap, np.array(shape.corner), np.array(shape.along), np.array(shape.up))
         elif isinstance(shape, Strip):
             travelled = 0.0
-            for a, b in zip(shape.points, shape.points[1:], strict=False):
-                along = np.array([b[0] - a[0], b[1] - a[1], 0.0])
+            for here, there in zip(shape.points, shape.points[1:], strict=False):
+                along = np.array([there[0] - here[0], there[1] - here[1], 0.0])
                 up = np.array([0.0, 0.0, shape.top - shape.bottom])
-                _patch(heap, np.array([*a, shape.bottom]), along, up, shift=travelled)
+                _patch(heap, np.array([*here, shape.bottom]), along, up, shift=travelled)
                 travelled += float(np.linalg.norm(along))
         elif isinstance(shape, Cylinder):
             heap.kind.append(kernels.CYLINDER)
@@ -215,7 +215,7 @@ class World:
         if mesh.file is None:
             return np.array(mesh.vertices), np.array(mesh.faces)
         try:
-            import trimesh
+            import trimesh  # type: ignore[import-not-found,import-untyped,unused-ignore]
         except ImportError as error:
             raise MissingExtraError(
                 f"reading {mesh.file} needs trimesh: pip install 'edvo[mesh]'"

@@ -162,8 +162,9 @@ def _wave(x: float, w: float) -> float:
 def _pulse(x: float, w: float, duty: float) -> float:
     """Average over a width w a pulse of period 1 that is 1 during its first ``duty``."""
     high, low = x + 0.5 * w, x - 0.5 * w
-    a = np.floor(high) * duty + min(high - np.floor(high), duty)
-    return (a - np.floor(low) * duty - min(low - np.floor(low), duty)) / w
+    area: float = np.floor(high) * duty + min(high - np.floor(high), duty)
+    area -= np.floor(low) * duty + min(low - np.floor(low), duty)
+    return area / w
 
 
 @compiled
@@ -271,9 +272,11 @@ def _texture(
         joint_x = _pulse(x + shift, wx, joint / size_u)
         return 1.0 - (1.0 - joint_x) * (1.0 - joint_y)
     if kind == WOOD:
-        bend = _cloud(0.15 * x, y, 0.15 * wx, wy, 2, seed)
-        keep = min(max(0.5 / wy - 1.0, 0.0), 1.0)
-        return 0.5 + 0.5 * keep * np.sin(6.283185307179586 * (y + 3.0 * bend))
+        bend = _cloud(0.1 * x, 0.25 * y, 0.1 * wx, 0.25 * wy, 2, seed)
+        # The bend makes rings up to twice as narrow.
+        keep = min(max(0.4 / wy - 0.6, 0.0), 1.0)
+        ring: float = 0.5 + 0.5 * keep * np.sin(6.283185307179586 * (y + 3.0 * bend))
+        return ring
     return _text(x, y, wx, wy, seed)
 
 
@@ -344,7 +347,7 @@ def _meet(
     v = shape[i, 8] * px + shape[i, 9] * py + shape[i, 10] * pz - shape[i, 11]
     if v < 0.0 or v > 1.0 or (kind == TRIANGLE and u + v > 1.0):
         return -1.0
-    return t
+    return float(t)
 
 
 @compiled
@@ -660,7 +663,9 @@ def _shadows(
     for ray in range(count):
         batch.visible[n, ray] = 1.0
         i = batch.hit[ray]
-        if i < 0 or found == 0:
+        # A flat thing does not shade itself.
+        flat = i >= 0 and solids.kind[i] != CYLINDER
+        if i < 0 or found == 0 or (found == 1 and flat and between[0] == i):
             continue
         dx, dy, dz = batch.direction[0, ray], batch.direction[1, ray], batch.direction[2, ray]
         px = poses[row, 0, 3] + batch.t[ray] * dx
@@ -669,7 +674,7 @@ def _shadows(
         lx, ly, lz, far = -lamp[n, 1], -lamp[n, 2], -lamp[n, 3], np.inf
         if lamp[n, 0] == 1.0:
             lx, ly, lz, far = -lx - px, -ly - py, -lz - pz, 1.0
-        if solids.kind[i] != CYLINDER:
+        if flat:
             away = shape[i, 0] * dx + shape[i, 1] * dy + shape[i, 2] * dz
             if away * (shape[i, 0] * lx + shape[i, 1] * ly + shape[i, 2] * lz) >= 0.0:
                 continue  # lit from behind, if at all
@@ -695,6 +700,8 @@ def _shadows(
             else:
                 for j in range(found):
                     other = between[j]
+                    if other == i and flat:
+                        continue
                     if _meet(solids.kind[other], shape, other, px, py, pz, x, y, z, far) > 0.0:
                         dark = True
                         break
@@ -959,7 +966,7 @@ def _differs(images: Images, y: int, x: int, v: int, u: int) -> bool:
         return True
     a, b = images.depth[y, x], images.depth[v, u]
     # Nearly edge-on surfaces change depth fast without an edge.
-    return abs(a - b) > 0.1 * min(a, b)
+    return bool(abs(a - b) > 0.1 * min(a, b))
 
 
 @compiled
@@ -1062,9 +1069,12 @@ def _split(rays: F64, y: int, x: int, samples: int, batch: Batch, start: int) ->
     ay = (rays[y, right, 1] - rays[y, left, 1]) / max(right - left, 1)
     bx = (rays[down, x, 0] - rays[up, x, 0]) / max(down - up, 1)
     by = (rays[down, x, 1] - rays[up, x, 1]) / max(down - up, 1)
-    for k in range(samples * samples):
-        ex = (k % samples + 0.5) / samples - 0.5
-        ey = (k // samples + 0.5) / samples - 0.5
+    count = samples * samples
+    for k in range(count):
+        # A lattice in which no two samples share a row or column: an edge along the pixels then
+        # has as many grey levels as one across them.
+        ex = (k + 0.5) / count - 0.5
+        ey = ((k * (samples + 1)) % count + 0.5) / count - 0.5
         batch.a[start + k] = rays[y, x, 0] + ex * ax + ey * bx
         batch.b[start + k] = rays[y, x, 1] + ex * ay + ey * by
 
