@@ -91,7 +91,8 @@ class Camera:
         Parameters
         ----------
         d : mapping
-            ``width height fx fy cx cy distortion depth_scale``, and ``name`` if wanted.
+            ``width height fx fy cx cy depth_scale``, with ``distortion`` where the lens has some,
+            and ``name`` if wanted.
         where : str
             Named in errors: the file or whatever else the values come from.
 
@@ -111,11 +112,10 @@ class Camera:
             raise CameraError(
                 f"{where}: unknown key {_list(unknown)}; remove it, the keys are {_list(_KEYS)}"
             )
-        missing = [key for key in _KEYS if key not in d]
+        missing = [key for key in _KEYS if key not in d and key != "distortion"]
         if missing:
-            example = "[0, 0, 0, 0, 0]" if missing[0] == "distortion" else "VALUE"
             raise CameraError(
-                f"{where}: missing key {_list(missing)}; add a line '{missing[0]}: {example}'"
+                f"{where}: missing key {_list(missing)}; add a line '{missing[0]}: VALUE'"
             )
         try:
             return cls(**{**d, "name": str(d.get("name") or "")})

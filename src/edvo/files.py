@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import secrets
 import tempfile
 from pathlib import Path
 
@@ -26,23 +27,22 @@ def write_atomically(path: str | os.PathLike[str], content: bytes | str) -> None
     """
     path = Path(path)
     data = content.encode() if isinstance(content, str) else content
-    aside = ""
+    aside = path.parent / f".{path.name}.{secrets.token_hex(8)}"
+    made = False
     try:
-        descriptor, aside = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-        with os.fdopen(descriptor, "wb") as stream:
+        # Opened as any file, not by tempfile, so that it gets the rights the user's umask gives.
+        with aside.open("xb") as stream:
+            made = True
             stream.write(data)
-        umask = os.umask(0)
-        os.umask(umask)
-        Path(aside).chmod(0o666 & ~umask)
-        Path(aside).replace(path)
+        aside.replace(path)
     except OSError as error:
         raise OutputError(
             f"cannot write {path}: {error.strerror or error}; choose a folder with room and rights"
         ) from error
     finally:
-        if aside:
+        if made:
             with contextlib.suppress(OSError):
-                Path(aside).unlink(missing_ok=True)
+                aside.unlink(missing_ok=True)
 
 
 def output_folder(

@@ -3,6 +3,7 @@
 Arrays are kept as they are given, not copied: do not write into them afterwards.
 """
 
+import functools
 import math
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -161,42 +162,45 @@ def register_depth(
 
     rows, columns = np.nonzero(np.isfinite(depth) & (depth > 0.0))
     z = depth[rows, columns].astype(np.float64)
-    pixels = np.column_stack((columns, rows)).astype(np.float64)
+    # Three corners of a depth pixel, and the parallelogram that they span in the colour image.
+    rays = _corner_rays(depth_camera) @ T[:3, :3].T
+    corners = np.stack((rays[rows, columns], rays[rows, columns + 1], rays[rows + 1, columns]))
+    points = corners * z[:, None] + T[:3, 3]
+    origin, right, below = colour_camera.project(points.reshape(-1, 3)).reshape(3, -1, 2)
+    along_u, along_v = right - origin, below - origin
+    low = origin + np.minimum(along_u, 0.0) + np.minimum(along_v, 0.0)
+    high = origin + np.maximum(along_u, 0.0) + np.maximum(along_v, 0.0)
+    centre = 0.5 * (points[1, :, 2] + points[2, :, 2])
+    return _splat(low, high, centre, colour_camera)
 
-    def seen(offset_u: float, offset_v: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        points = depth_camera.backproject(pixels + np.array([offset_u, offset_v]), z)
-        points = points @ T[:3, :3].T + T[:3, 3]
-        return colour_camera.project(points), points[:, 2]
 
-    # Three corners of each depth pixel span the parallelogram that it covers.
-    corner, _ = seen(-0.5, -0.5)
-    along_u = seen(0.5, -0.5)[0] - corner
-    along_v = seen(-0.5, 0.5)[0] - corner
-    z = seen(0.0, 0.0)[1]
-    low = corner + np.minimum(along_u, 0.0) + np.minimum(along_v, 0.0)
-    high = corner + np.maximum(along_u, 0.0) + np.maximum(along_v, 0.0)
-    return _splat(low, high, z, colour_camera)
+@functools.lru_cache(maxsize=4)
+def _corner_rays(camera: Camera) -> NDArray[np.float64]:
+    """Points of unit depth at the corners of the pixels, shape (H + 1, W + 1, 3)."""
+    u, v = np.meshgrid(np.arange(camera.width + 1) - 0.5, np.arange(camera.height + 1) - 0.5)
+    rays = camera.backproject(np.column_stack((u.ravel(), v.ravel())), np.ones(u.size))
+    rays.flags.writeable = False  # shared by every caller
+    return rays.reshape(*u.shape, 3)
 
 
 def _splat(
     low: NDArray[np.float64], high: NDArray[np.float64], z: NDArray[np.float64], camera: Camera
 ) -> NDArray[np.float32]:
     """Write z into the pixels whose centres lie in [low, high), the smallest winning."""
-    size = np.array([camera.width, camera.height])
+    first_edge, last_edge = -0.5, np.array([camera.width, camera.height]) - 0.5
     # Also drops NaN, which stands for points that the camera cannot see.
-    visible = ((high > -0.5) & (low < size)).all(axis=1)
-    low, high, z = low[visible], high[visible], z[visible].astype(np.float32)
-    first = np.ceil(low)
-    count = np.minimum(np.ceil(high) - first, _LARGEST_FOOTPRINT).astype(np.intp)
-    first = first.astype(np.intp)
+    visible = ((high > first_edge) & (low < last_edge)).all(axis=1)
+    near = z[visible].astype(np.float32)
+    first = np.ceil(np.maximum(low[visible], first_edge))
+    beyond = np.ceil(np.minimum(high[visible], last_edge))
+    u, v = first.astype(np.intp).T
+    count_u, count_v = np.minimum(beyond - first, _LARGEST_FOOTPRINT).astype(np.intp).T
+    index = v * camera.width + u
     image = np.full(camera.height * camera.width, np.inf, np.float32)
-    most_u, most_v = count.max(axis=0, initial=0)
-    for step_v in range(most_v):
-        for step_u in range(most_u):
-            u, v = first[:, 0] + step_u, first[:, 1] + step_v
-            hit = (step_u < count[:, 0]) & (step_v < count[:, 1])
-            hit &= (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
-            np.minimum.at(image, v[hit] * camera.width + u[hit], z[hit])
+    for step_v in range(count_v.max(initial=0)):
+        for step_u in range(count_u.max(initial=0)):
+            hit = (step_u < count_u) & (step_v < count_v)
+            np.minimum.at(image, index[hit] + (step_v * camera.width + step_u), near[hit])
     image[np.isinf(image)] = 0.0
     return image.reshape(camera.height, camera.width)
 

@@ -203,14 +203,14 @@ def hat(w: ArrayLike) -> NDArray[np.float64]:
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
-def from_quaternion(translation: ArrayLike, quaternion: ArrayLike) -> NDArray[np.float64]:
+def from_quaternion(translation: ArrayLike, quaternion_xyzw: ArrayLike) -> NDArray[np.float64]:
     """Build a rigid motion from translation and quaternion.
 
     Parameters
     ----------
     translation : array_like of float, shape (3,)
         Metres.
-    quaternion : array_like of float, shape (4,)
+    quaternion_xyzw : array_like of float, shape (4,)
         [x, y, z, w] of any length but zero; it is normalised.
 
     Returns
@@ -223,7 +223,7 @@ def from_quaternion(translation: ArrayLike, quaternion: ArrayLike) -> NDArray[np
     TrajectoryError
         If the quaternion is zero or not finite.
     """
-    x, y, z, w = (float(value) for value in np.asarray(quaternion, dtype=np.float64))
+    x, y, z, w = (float(value) for value in np.asarray(quaternion_xyzw, dtype=np.float64))
     largest = max(abs(x), abs(y), abs(z), abs(w))
     if not (math.isfinite(x + y + z + w) and largest > 0.0):
         raise TrajectoryError(f"quaternion [{x}, {y}, {z}, {w}] is no rotation; give a unit one")
