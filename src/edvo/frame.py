@@ -238,7 +238,7 @@ def _to_metres(depth: NDArray[Any], depth_scale: float) -> NDArray[np.float32]:
         raise FrameError(f"depth is {depth.dtype}; give uint16 with depth_scale, or float32 metres")
     with np.errstate(over="ignore"):
         metres = np.ascontiguousarray(depth, dtype=np.float32)
-    if metres.size and not (metres.min() >= 0.0 and metres.max() < np.inf):
+    if not (metres.min() >= 0.0 and metres.max() < np.inf):
         metres = np.where((metres > 0.0) & (metres < np.inf), metres, np.float32(0.0))
     return metres
 
@@ -248,6 +248,8 @@ def _array(name: str, image: Any) -> NDArray[Any]:
         raise FrameError(
             f"{name} is {type(image).__name__}; give a NumPy array (None: the file was not read)"
         )
+    if image.size == 0:
+        raise FrameError(f"{name} has shape {image.shape}; give an image with pixels")
     return image
 
 
@@ -258,8 +260,6 @@ def _check_image(name: str, image: Any, dtype: "np.dtype[Any]") -> None:
             f"{name} is {image.dtype} of shape {image.shape}; give {dtype} of shape (H, W), "
             "or use Frame.from_images"
         )
-    if image.size == 0:
-        raise FrameError(f"{name} has shape {image.shape}; give an image with pixels")
     if not image.flags.c_contiguous:
         raise FrameError(f"{name} is not C-contiguous; use Frame.from_images, or a copy of it")
 
