@@ -18,7 +18,7 @@ from edvo.errors import EvaluationError
 from edvo.evaluation import evaluate
 from edvo.files import output_folder
 from edvo.odometry import Odometry
-from edvo.report.demo import SCENES, demo_source, picture_of
+from edvo.report.demo import SCENES, demo_source, picture_of, renderer_compiling_aside
 from edvo.report.plots import draw_scenes
 from edvo.report.results import TRAJECTORY, write_results
 from edvo.report.tracking import Run, track_source
@@ -33,7 +33,8 @@ def demo(out: Path, *, seconds: float, preset: str | None, seed: int) -> None:
     config = configure(preset, None, [], seed)
     folder = output_folder(out)
     cv2.setNumThreads(1)
-    compile_now(config)
+    with renderer_compiling_aside():
+        compile_now(config)
     scores, pictures = {}, []
     for scene in SCENES:
         run = _track(scene, config, seconds=seconds, seed=seed)

@@ -1,5 +1,10 @@
 """What `edvo demo` shows: sequences made on the spot, and the picture of each one tracked."""
 
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 from edvo.config import Config
 from edvo.datasets import Source
 from edvo.edges import extract_edges
@@ -7,8 +12,9 @@ from edvo.errors import DatasetError
 from edvo.evaluation import Evaluation
 from edvo.report.plots import Scene
 from edvo.report.tracking import Run
+from edvo.report.warmup import cache_folder
 from edvo.synthesis.relighting import Relighter, RelitSource
-from edvo.synthesis.sequence import SyntheticSource, make_recipe
+from edvo.synthesis.sequence import DEFAULT_CAMERA, SyntheticSource, make_recipe
 from edvo.trajectory import Trajectory
 
 SCENES = ("notexture_far", "texture_far")
@@ -49,6 +55,33 @@ def demo_source(scene: str, *, seconds: float, seed: int = 0) -> Source:
     still_light = SyntheticSource(make_recipe(scene, frames=frames, seed=seed))
     light = Relighter("ambient+diffuse", frequency=FLICKER_HZ, seed=seed)
     return RelitSource(still_light, light)
+
+
+def render_one() -> None:
+    """Render a small frame, which compiles the renderer."""
+    small = DEFAULT_CAMERA.scaled(0.1)
+    SyntheticSource(make_recipe(SCENES[0], frames=1, camera=small)).read(0)
+
+
+@contextmanager
+def renderer_compiling_aside() -> Iterator[None]:
+    """Compile the renderer in a process of its own, while this one compiles something else.
+
+    A process compiles one function at a time, whatever the number of its threads; two processes
+    halve the wait of who starts the demo for the first time. What is compiled meets in the cache.
+    """
+    if cache_folder() is None:
+        yield
+        return
+    command = [sys.executable, "-c", f"from {__name__} import render_one; render_one()"]
+    nothing = subprocess.DEVNULL
+    # It is a matter of speed only: should it fail, this process compiles the renderer itself.
+    with subprocess.Popen(command, stdin=nothing, stdout=nothing, stderr=nothing) as aside:
+        try:
+            yield
+        except BaseException:
+            aside.kill()
+            raise
 
 
 def picture_of(run: Run, truth: Trajectory, evaluation: Evaluation, config: Config) -> Scene:
