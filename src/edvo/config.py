@@ -136,7 +136,7 @@ class RegistrationConfig(Section):
         default=50, description="trial steps a frame; the paper sees 18.7 +- 5.4 (Fig. 9)"
     )
     stop_px: Positive = Field(
-        default=0.01, description="converged once a step changes the residuals by less (rms)"
+        default=0.03, description="converged once a step changes the residuals by less (rms)"
     )
     stop_decrease: Annotated[float, Field(ge=0)] = Field(
         default=1e-4, description="converged once a step lowers the cost by less, relative"
@@ -164,10 +164,13 @@ class KeyframesConfig(Section):
     gap_frames: Annotated[int, Field(ge=1)] = Field(
         default=10, description="rule gap: frames a keyframe"
     )
-    max_translation_m: Positive = Field(default=0.10, description="rule motion: from the keyframe")
-    max_rotation_deg: Positive = Field(default=8.0, description="rule motion: from the keyframe")
+    max_translation_m: Positive = Field(
+        default=0.30,
+        description="rule motion: from the keyframe; longer keyframes drift less, until views differ",
+    )
+    max_rotation_deg: Positive = Field(default=15.0, description="rule motion: from the keyframe")
     min_overlap: Fraction = Field(
-        default=0.6, description="rule motion: least share of samples that find a match"
+        default=0.75, description="rule motion: least share of the samples that fit the keyframe"
     )
 
 
@@ -193,11 +196,11 @@ class StatusConfig(Section):
         default=2.0, description="a match with a smaller residual is an inlier"
     )
     min_inliers: Fraction = Field(
-        default=0.35,
+        default=0.5,
         description="share of the samples that are inliers, below which the frame is lost",
     )
     doubt_inliers: Fraction = Field(
-        default=0.5, description="share below which a tracked frame is called degraded"
+        default=0.65, description="share below which a tracked frame is called degraded"
     )
 
 
@@ -368,6 +371,7 @@ PRESETS: dict[str, dict[str, Any]] = {
     "default": {},
     "paper": {
         "sampling": {"count": 450},
+        "registration": {"weight": "t"},
     },
 }
 

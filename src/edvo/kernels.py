@@ -85,7 +85,7 @@ class Pinhole(NamedTuple):
 class Matches(NamedTuple):
     """State of the samples' matches while a registration runs."""
 
-    index: I32  # (N,) sorted index of the reference edge, or NO_MATCH
+    edge: I32  # (N,) sorted index of the reference edge, or NO_MATCH
     query: F64  # (N, 2) where the sample lay when it was last searched for, px
     bound: F64  # (N,) px; there, no other edge had a lower root of the cost
     Y: F64  # (N, 3) the sample in the reference camera, m
@@ -169,7 +169,7 @@ def describe_edges(
 
 
 @compiled
-def depth_at(depth: F32, u: int, v: int, radius: int, gap: float) -> float:
+def depth_at(depth: F32, u: int, v: int, radius: int, gap: float) -> np.float32:
     """Depth (m) of an edge pixel from the window round it; 0 where the window holds none.
 
     Where the depths span no gap, their mean. Else the mean of the nearest surface: the nearest
@@ -788,8 +788,8 @@ def warp_and_match(
         py = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
         pz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
         matches.Y[i, 0], matches.Y[i, 1], matches.Y[i, 2] = px, py, pz
-        k = matches.index[i]
-        matches.index[i] = NO_MATCH
+        k = matches.edge[i]
+        matches.edge[i] = NO_MATCH
         if pz < MIN_DEPTH:
             continue
         u = camera.fx * px / pz + camera.cx
@@ -809,14 +809,14 @@ def warp_and_match(
             matches.bound[i] = np.sqrt(second)
             if k < 0:
                 continue
-        matches.index[i] = k
+        matches.edge[i] = k
         du, dv = u - grid.points[k, 0], v - grid.points[k, 1]  # Eq. (10)
         if residual == SIGNED:
             nu, nv = np.float64(grid.points[k, 2]), np.float64(grid.points[k, 3])  # Eq. (11)
             r = du * nu + dv * nv  # Eq. (12)
         else:
             r = np.sqrt(du * du + dv * dv)  # Eq. (5)
-            nu, nv = (du / r, dv / r) if r > 0 else (0.0, 0.0)
+            nu, nv = (du / r, dv / r) if r > 0 else (np.float64(0), np.float64(0))
         matches.normal[i, 0], matches.normal[i, 1] = nu, nv
         residuals[count] = r
         count += 1
@@ -844,8 +844,8 @@ def normal_equations(
     inverse = 1 / (sigma * sigma)
     total = 0.0
     row = 0
-    for i in range(matches.index.size):
-        if matches.index[i] < 0:
+    for i in range(matches.edge.size):
+        if matches.edge[i] < 0:
             continue
         r = residuals[row]
         row += 1
@@ -885,7 +885,7 @@ def new_matches(n: int) -> Matches:
 @compiled
 def copy_matches(source: Matches, target: Matches) -> None:
     """Overwrite the state of one set of matches by another's."""
-    target.index[:] = source.index
+    target.edge[:] = source.edge
     target.query[:] = source.query
     target.bound[:] = source.bound
     target.Y[:] = source.Y
@@ -1048,6 +1048,6 @@ def align(
             break
     orthonormalize(T)
     for i in range(n):
-        k = matches.index[i]
+        k = matches.edge[i]
         index[i] = grid.order[k] if k >= 0 else NO_MATCH
     return reason, iterations, count, sigma, cost

@@ -40,7 +40,7 @@ def is_due(
     T_key_cur : ndarray of float64, shape (4, 4)
         Motion since the keyframe.
     overlap : float
-        Share of the frame's samples that found a match in the keyframe.
+        Share of the frame's samples that fit the keyframe.
     age : int
         Frames since the keyframe.
 

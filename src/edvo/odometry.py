@@ -229,8 +229,8 @@ class Odometry:
         self._velocity = se3.log(se3.inverse(self._T_key_last) @ T_key_cur) / period
         self._T_key_last = T_key_cur
         self._T_world_last = keyframe.T_world_key @ T_key_cur
-        overlap = alignment.match_count / len(samples)
-        due = is_due(self.config.keyframes, T_key_cur, overlap, self._count - keyframe.index)
+        share = alignment.inliers / len(samples)
+        due = is_due(self.config.keyframes, T_key_cur, share, self._count - keyframe.index)
         if due:
             self._set_keyframe(edges)
         return self._keep(
