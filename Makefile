@@ -4,7 +4,7 @@
 #   make demo        a short RGB-D sequence with known truth, made, tracked and drawn
 #   make test        the tests; make test-slow: those that take minutes
 #   make lint        style, formatting and types
-#   make bench       speed, as a Markdown table
+#   make bench       speed, as Markdown tables and plots in bench/
 #   make docs        the documentation, in docs/_build/html
 #   make clean       removes what the targets made, but for the environment; make distclean: that too
 #
@@ -34,14 +34,14 @@ lint: $(VENV)/.with-lint
 	$(BIN)/mypy
 
 bench: $(VENV)/.with-bench
-	$(BIN)/python -m pytest benchmarks
+	$(BIN)/python -m benchmarks.report -o bench
 
 docs: $(VENV)/.with-docs
 	$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet -b html docs docs/_build/html
 	@echo "open docs/_build/html/index.html"
 
 clean:
-	rm -rf build dist docs/_build demo edvo-demo .benchmarks .hypothesis
+	rm -rf build dist docs/_build demo edvo-demo bench .benchmarks .hypothesis
 	rm -rf .pytest_cache .mypy_cache .ruff_cache
 	find src tests docs -name __pycache__ -type d -prune -exec rm -rf {} +
 
