@@ -1,0 +1,1 @@
+"""Speed and scale of edvo, measured beside its peers in the same run."""

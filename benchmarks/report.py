@@ -1,0 +1,86 @@
+"""The report: ``python -m benchmarks.report``, or ``make bench``.
+
+Sections are measured one after the other; the report is written anew after each, so that a run
+that is interrupted leaves what it has.
+"""
+
+import argparse
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import cv2
+
+from benchmarks.frames import DATA, REAL
+from benchmarks.machine import describe, load
+from benchmarks.section import Section, Settings, table
+from edvo.files import output_folder, write_atomically
+
+SECTIONS = ("speed", "stages", "scaling", "memory", "cores", "startup")
+FILE = "benchmarks.md"
+
+
+def main() -> None:
+    """Measure what is asked for and write it."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.report", description=__doc__)
+    parser.add_argument("-o", "--out", type=Path, default=Path("bench"), help="folder to write to")
+    parser.add_argument("--quick", action="store_true", help="few frames; figures not to quote")
+    parser.add_argument(
+        "--only", default=",".join(SECTIONS), help=f"some of {', '.join(SECTIONS)}, by comma"
+    )
+    given = parser.parse_args()
+    names = given.only.split(",")
+    for name in names:
+        if name not in SECTIONS:
+            parser.error(f"no section {name!r}; there are {', '.join(SECTIONS)}")
+    cv2.setNumThreads(1)
+    settings = Settings(given.quick, output_folder(given.out))
+    before = load()
+    sections: list[Section] = []
+    for name in names:
+        print(f"measuring: {name}", file=sys.stderr, flush=True)
+        sections.append(import_module(f"benchmarks.{name}").measure(settings))
+        write_atomically(settings.out / FILE, compose(settings, sections, before))
+    print((settings.out / FILE).read_text(encoding="utf-8"))
+
+
+def compose(settings: Settings, sections: list[Section], before: str) -> str:
+    """Put the report together."""
+    machine = describe() | {"load before and after": f"{before}, {load()}"}
+    bounds = [bound.row() for section in sections for bound in section.bounds]
+    parts = [
+        "# Measured",
+        table(["", ""], [[key, value] for key, value in machine.items()]),
+        used(settings),
+    ]
+    if settings.quick:
+        parts.append("**Quick run: too few frames and repetitions for figures to be quoted.**")
+    if bounds:
+        header = ["promise", "at most", "measured", "kept"]
+        parts += ["## What was promised", table(header, bounds)]
+    for section in sections:
+        parts += [f"## {section.title}", section.body]
+    return "\n\n".join(parts) + "\n"
+
+
+def used(settings: Settings) -> str:
+    """Say which frames were measured on, and which real sequences were not there."""
+    rows = [
+        [
+            recording.name,
+            recording.origin,
+            f"{recording.camera.width}x{recording.camera.height}",
+            str(len(recording.frames)),
+        ]
+        for recording in settings.recordings
+    ]
+    missing = [name for name in REAL if not (DATA / name).is_dir()]
+    text = "Frames, in memory before anything is timed:\n\n"
+    text += table(["sequence", "kind", "size", "frames"], rows)
+    if missing:
+        text += f"\n\nNot there, so not measured: {', '.join(missing)} (set `EDVO_DATA`)."
+    return text
+
+
+if __name__ == "__main__":
+    main()
