@@ -1,7 +1,13 @@
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
+
+import pytest
+
+from edvo.cli import compiling
+from edvo.config import Config
 
 
 def test_second_process_finds_all_compiled(whole_sequence: Path, tmp_path: Path) -> None:
@@ -25,3 +31,20 @@ def test_second_process_finds_all_compiled(whole_sequence: Path, tmp_path: Path)
     for preset in ("default", "paper"):
         edvo("run", str(whole_sequence), "-o", str(tmp_path / preset), "--preset", preset)
     assert compiled() == before
+
+
+@pytest.mark.parametrize(("folder", "told"), [(Path("cache"), "once"), (None, "NUMBA_CACHE_DIR")])
+def test_says_so_only_if_it_takes_a_while(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    folder: Path | None,
+    told: str,
+) -> None:
+    monkeypatch.setattr(compiling, "cache_folder", lambda: folder)
+    monkeypatch.setattr(compiling, "warm_up", lambda config: None)
+    compiling.compile_now(Config())
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(compiling, "_PATIENCE_S", 0.0)
+    monkeypatch.setattr(compiling, "warm_up", lambda config: time.sleep(0.2))
+    compiling.compile_now(Config())
+    assert told in capsys.readouterr().err

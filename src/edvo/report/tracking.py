@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,10 @@ from edvo.datasets import Reading, Source, read_ahead
 from edvo.errors import DatasetError, FrameError
 from edvo.frame import Frame
 from edvo.odometry import Status, TrackedFrame
+from edvo.report.cores import Cores, core_count
 from edvo.trajectory import Trajectory
+
+_MOST_WORKERS = 4  # so many decode faster than one thread tracks
 
 
 class Tracker(Protocol):
@@ -240,14 +243,31 @@ def track_source(
     wanted = range(len(source)) if indices is None else indices
     records: list[FrameRecord] = []
     begin = time.perf_counter()
-    with closing(read_ahead(source, wanted)) as readings:
+    count = core_count()
+    cores = Cores(count)
+    workers = min(max(count, 2), _MOST_WORKERS)
+    decoded = cast(Source, _Decoding(source, cores))
+    with closing(read_ahead(decoded, wanted, workers=workers, ahead=4 * workers)) as readings:
         for reading in readings:
             if stop is not None and stop():
                 break
-            records.append(_track(tracker, reading, clock))
+            with cores.tracking():
+                records.append(_track(tracker, reading, clock))
             if on_frame is not None:
                 on_frame(records[-1])
     return Run(source, records, len(wanted), time.perf_counter() - begin)
+
+
+@dataclass(frozen=True)
+class _Decoding:
+    """A source that decodes only while there is a core for it."""
+
+    source: Source
+    cores: Cores
+
+    def read(self, index: int) -> Reading:
+        with self.cores.decoding():
+            return self.source.read(index)
 
 
 def _track(tracker: Tracker, reading: Reading, clock: StageClock | None) -> FrameRecord:
