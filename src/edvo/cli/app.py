@@ -131,7 +131,10 @@ def info(
     format: FormatName = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Say what would be assumed about a recording, and what looks wrong with it."""
+    """Say what would be assumed about a recording.
+
+    Format, camera, times, ground truth, and what looks wrong.
+    """
     from edvo.cli.info import info as body
 
     body(source, camera=camera, format=format, as_json=as_json)
@@ -178,7 +181,7 @@ def demo(
     preset: Preset = None,
     seed: Annotated[int, typer.Option(help="Seed of sequences and tracker.", min=0)] = 0,
 ) -> None:
-    """Make short RGB-D sequences with known truth, track them and draw the result.
+    """Make short sequences with known truth, track and draw them.
 
     Needs no data and no network. Writes trajectory.txt and what else `edvo run` writes, the true
     poses, and demo.png.

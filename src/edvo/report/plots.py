@@ -195,7 +195,7 @@ def _draw_path(
     true = _positions(T_first_ref, truth)
     estimated = _positions(T_first_ref @ T_ref_est, estimate)
     axes.plot(true[:, 0], true[:, 2], color=TRUTH_COLOUR, lw=3.0, alpha=0.35, label="truth")
-    axes.plot(estimated[:, 0], estimated[:, 2], color=ESTIMATE_COLOUR, lw=1.4, label="edvo")
+    axes.plot(estimated[:, 0], estimated[:, 2], color=ESTIMATE_COLOUR, lw=1.4, label="estimate")
     axes.plot(*true[0, [0, 2]], "o", color=TRUTH_COLOUR, ms=6, label="start")
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("right (m)")
