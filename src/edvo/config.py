@@ -73,8 +73,9 @@ class SamplingConfig(Section):
     """Sub-sampling of the current edges, §IV-A."""
 
     count: Annotated[int, Field(ge=0)] = Field(
-        default=450,
-        description="N; the paper finds 400 to 500 reasonable (Fig. 6). 0 takes all edges",
+        default=1500,
+        description="N; the paper finds 400 to 500 reasonable (Fig. 6), its preset takes 450; "
+        "0 takes all edges",
     )
     cell_px: Annotated[int, Field(ge=1)] = Field(
         default=80, description="side of a grid cell; not in the paper. 48 cells at 640 x 480"
@@ -120,8 +121,8 @@ class RegistrationConfig(Section):
         description="Eq. (12); or the unsigned Eq. (5) that the paper argues against",
     )
     weight: Literal["t", "huber", "cauchy", "tukey", "none"] = Field(
-        default="t",
-        description="robust weight function; the paper takes the t-distribution (§IV-B)",
+        default="tukey",
+        description="robust weight function; the paper, and its preset, takes t (§IV-B)",
     )
     nu: Positive = Field(
         default=2.0, description="degrees of freedom of the t-distribution (§IV-B)"
@@ -166,7 +167,8 @@ class KeyframesConfig(Section):
     )
     max_translation_m: Positive = Field(
         default=0.30,
-        description="rule motion: from the keyframe; longer keyframes drift less, until views differ",
+        description="rule motion: from the keyframe; keeping one longer drifts less, until the "
+        "views differ too much",
     )
     max_rotation_deg: Positive = Field(default=15.0, description="rule motion: from the keyframe")
     min_overlap: Fraction = Field(

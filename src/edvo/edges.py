@@ -17,6 +17,7 @@ from edvo.config import EdgesConfig
 
 DOG_RATIO = 1.6  # of the two Gaussians: nearest to the Laplacian of a Gaussian (Marr 1980)
 NO_TABLE = np.empty((0, 0, 2), np.float32)
+NO_TABLE.setflags(write=False)  # as Camera.undistortion_table: else its kernel compiles twice
 
 
 @dataclass(frozen=True, slots=True)
