@@ -29,9 +29,37 @@ def cores() -> int:
     return os.cpu_count() or 1
 
 
-def load() -> str:
-    """Say how busy the machine was over the last minute, this program included."""
-    return f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "unknown"
+class Others:
+    """How much of the machine other programs take from now on, which is noise in what we measure.
+
+    Of the processor time of all cores, as Linux counts it; what another machine on the same host
+    takes ("steal") counts too.
+    """
+
+    def __init__(self) -> None:
+        self._begin = self._now()
+
+    def share(self) -> str:
+        """Say it in per cent of all cores."""
+        (total, busy, own), (total_0, busy_0, own_0) = self._now(), self._begin
+        if total <= total_0:
+            return "unknown"
+        return f"{max(0.0, busy - busy_0 - (own - own_0)) / (total - total_0):.0%}"
+
+    @staticmethod
+    def _now() -> tuple[float, float, float]:
+        """Seconds of all cores, busy ones, and those of this process and its children."""
+        times = os.times()
+        own = times.user + times.system + times.children_user + times.children_system
+        file = Path("/proc/stat")
+        if not file.exists():
+            return 0.0, 0.0, own
+        ticks = os.sysconf("SC_CLK_TCK")
+        spent = [
+            int(x) / ticks for x in file.read_text(encoding="ascii").split("\n")[0].split()[1:9]
+        ]
+        idle = spent[3] + spent[4]
+        return sum(spent), sum(spent) - idle, own
 
 
 def describe() -> dict[str, str]:

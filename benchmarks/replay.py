@@ -156,7 +156,7 @@ def take_apart(caught: Caught, repeats: int) -> Parts:
 
         def call(*arguments: Any) -> Any:
             given = signature.bind(*arguments).arguments
-            state = given["matches"] if "matches" in given else ()  # what the part changes
+            state = given.get("matches", ())  # what the part changes
             before = [array.copy() for array in state]
             result, taken = None, []
             for _ in range(repeats):

@@ -12,7 +12,7 @@ from pathlib import Path
 import cv2
 
 from benchmarks.frames import DATA, REAL
-from benchmarks.machine import describe, load
+from benchmarks.machine import Others, describe
 from benchmarks.section import Section, Settings, table
 from edvo.files import output_folder, write_atomically
 
@@ -35,18 +35,18 @@ def main() -> None:
             parser.error(f"no section {name!r}; there are {', '.join(SECTIONS)}")
     cv2.setNumThreads(1)
     settings = Settings(given.quick, output_folder(given.out))
-    before = load()
+    others = Others()
     sections: list[Section] = []
     for name in names:
         print(f"measuring: {name}", file=sys.stderr, flush=True)
         sections.append(import_module(f"benchmarks.{name}").measure(settings))
-        write_atomically(settings.out / FILE, compose(settings, sections, before))
+        write_atomically(settings.out / FILE, compose(settings, sections, others))
     print((settings.out / FILE).read_text(encoding="utf-8"))
 
 
-def compose(settings: Settings, sections: list[Section], before: str) -> str:
+def compose(settings: Settings, sections: list[Section], others: Others) -> str:
     """Put the report together."""
-    machine = describe() | {"load before and after": f"{before}, {load()}"}
+    machine = describe() | {"other programs meanwhile": f"{others.share()} of the cores"}
     bounds = [bound.row() for section in sections for bound in section.bounds]
     parts = [
         "# Measured",

@@ -56,9 +56,7 @@ def measure(settings: Settings) -> Section:
         every, _ = column(recording, 0, settings.choose(4, 20), settings.choose(2, 5))
         gaps.append(gap)
         parts += [f"### {recording.name}", stage_table(every, sampled)]
-    return Section(
-        "Stages, as in Table I", "\n\n".join([HOW.format(gap=median(gaps)), *parts])
-    )
+    return Section("Stages, as in Table I", "\n\n".join([HOW.format(gap=median(gaps)), *parts]))
 
 
 def column(
