@@ -446,7 +446,9 @@ def _undistort(
 def _fold(coefficients: tuple[float, float, float, float, float]) -> float:
     """Squared normalised radius beyond which the radial distortion turns back inwards."""
     k1, k2, _, _, k3 = coefficients
-    roots = np.roots([7.0 * k3, 5.0 * k2, 3.0 * k1, 1.0])
+    # A leading coefficient next to nothing would overflow the quotients that np.roots takes.
+    polynomial = [c if abs(c) > 1e-12 else 0.0 for c in (7.0 * k3, 5.0 * k2, 3.0 * k1)]
+    roots = np.roots([*polynomial, 1.0])
     turning = roots.real[(np.abs(roots.imag) < 1e-9) & (roots.real > 0.0)]
     return float(turning.min()) if len(turning) else math.inf
 

@@ -35,9 +35,9 @@ class Frame:
     timestamp : float
         Seconds.
     grey : ndarray of uint8, shape (H, W)
-        C-contiguous; not copied.
+        C-contiguous; a read-only view, not a copy.
     depth : ndarray of float32, shape (H, W)
-        Depth along z in metres, 0 where missing; C-contiguous; not copied.
+        Depth along z in metres, 0 where missing; C-contiguous; a read-only view, not a copy.
 
     Raises
     ------
@@ -71,6 +71,11 @@ class Frame:
             )
         if high == 0.0:
             raise NoDepthError("depth has no valid value; all pixels are missing")
+        # Read-only always: compiled code takes a writable array for another type.
+        for name in ("grey", "depth"):
+            view = getattr(self, name).view()
+            view.setflags(write=False)
+            object.__setattr__(self, name, view)
 
     @classmethod
     def from_images(
