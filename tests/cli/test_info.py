@@ -1,7 +1,7 @@
 import json
 from pathlib import Path
 
-from .conftest import Command
+from .conftest import CAMERA, Command
 
 
 def test_says_what_is_assumed(edvo: Command, whole_sequence: Path) -> None:
@@ -20,6 +20,13 @@ def test_json_is_for_programs(edvo: Command, whole_sequence: Path) -> None:
     assert described["ground_truth"]["poses"] == 36
     assert abs(described["frame_rate_hz"] - 20.0) < 1e-6
     assert described["warnings"] == []
+
+
+def test_warns_of_a_depth_scale_that_cannot_be(edvo: Command, sequence: Path) -> None:
+    (sequence / "camera.yaml").write_text(CAMERA.replace("depth_scale: 5000", "depth_scale: 500"))
+    warned = edvo("info", sequence)
+    assert warned.status == 0
+    assert "depth_scale (500 now" in warned.out
 
 
 def test_warns_of_stamps_that_repeat(edvo: Command, sequence: Path) -> None:

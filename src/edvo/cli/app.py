@@ -192,6 +192,70 @@ def demo(
 
 
 @app.command()
+def synth(
+    scene: Annotated[
+        str | None, typer.Argument(help="Name of a scene, or a YAML file.", metavar="SCENE")
+    ] = None,
+    target: Annotated[Path | None, typer.Argument(help="Folder to write.", metavar="DIR")] = None,
+    frames: Annotated[int, typer.Option(help="How many, at 30 a second.", min=1)] = 300,
+    camera: CameraFile = None,
+    sensor: Annotated[
+        str, typer.Option(help="Depth camera: ideal, kinect_v1, realsense_d435, azure_kinect, ...")
+    ] = "kinect_v1",
+    trajectory: Annotated[
+        str,
+        typer.Option(help="handheld, orbit, still, rotation, jerk, or a TUM trajectory file."),
+    ] = "handheld",
+    speed: Annotated[
+        float | None, typer.Option(help="Metres a second; what suits the scene by default.")
+    ] = None,
+    light: Annotated[
+        str,
+        typer.Option(help="constant, ambient, diffuse, exposure, fade, or several joined by +."),
+    ] = "constant",
+    severity: Annotated[
+        float, typer.Option(help="How hard the light changes.", min=0.0, max=1.0)
+    ] = 0.5,
+    frequency: Annotated[
+        float | None, typer.Option(help="Of the light, Hz; the model's own by default.")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of tremor, light and noise.", min=0)] = 0,
+    force: Annotated[bool, typer.Option("--force", help="Write into a filled folder.")] = False,
+    list_: Annotated[
+        bool, typer.Option("--list", help="Show the scenes and write a contact sheet.")
+    ] = False,
+    sheet: Annotated[
+        Path, typer.Option(help="Where --list writes its thumbnails.", metavar="FILE.png")
+    ] = Path("edvo-scenes.png"),
+) -> None:
+    """Make an RGB-D sequence with exact truth, in TUM layout.
+
+    The same options and seed give the same bytes. --list shows what scenes there are.
+    """
+    from edvo.cli import synth as body
+
+    if list_:
+        body.list_scenes(sheet)
+        return
+    if scene is None or target is None:
+        raise typer.BadParameter("give SCENE and DIR, or --list")
+    body.synth(
+        scene,
+        target,
+        frames=frames,
+        camera=camera,
+        sensor=sensor,
+        trajectory=trajectory,
+        speed=speed,
+        light=light,
+        severity=severity,
+        frequency=frequency,
+        seed=seed,
+        force=force,
+    )
+
+
+@app.command()
 def warmup() -> None:
     """Compile the tracker once, so that later runs start at once."""
     from edvo.cli.warmup import warmup as body

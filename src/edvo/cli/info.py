@@ -6,11 +6,14 @@ from typing import Any
 
 from edvo.cli.terminal import say
 from edvo.datasets import open_source
+from edvo.datasets.inspection import inspect
 
 
 def info(path: Path, *, camera: str | None, format: str | None, as_json: bool) -> None:
     """Say what would be assumed about a recording."""
-    described = open_source(path, format=format, camera=camera).describe()
+    source = open_source(path, format=format, camera=camera)
+    described = source.describe()
+    described["warnings"] += inspect(source)
     if as_json:
         say(json.dumps(described, indent=2))
         return

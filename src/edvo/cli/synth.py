@@ -1,0 +1,110 @@
+"""`edvo synth`."""
+
+import shlex
+from contextlib import ExitStack
+from pathlib import Path
+
+from edvo.camera import Camera
+from edvo.cli.terminal import Advance, progress, say
+from edvo.datasets.known_cameras import KNOWN_CAMERAS
+from edvo.errors import SceneError
+from edvo.synthesis.contact_sheet import contact_sheet
+from edvo.synthesis.scene import load_scene, scene_names
+from edvo.synthesis.scene_lights import scene_light
+from edvo.synthesis.sequence import (
+    DEFAULT_CAMERA,
+    SyntheticSource,
+    make_recipe,
+    write_sequence,
+)
+
+
+def list_scenes(sheet: Path) -> None:
+    """Say which scenes there are, and write a picture of each into a contact sheet.
+
+    Parameters
+    ----------
+    sheet : path
+        A PNG file; written anew.
+    """
+    names = scene_names()
+    with progress("drawing thumbnails", len(names)) as advance:
+        contact_sheet(names, sheet, advance)
+    width = max(map(len, names))
+    for name in names:
+        say(f"{name.ljust(width)}  {load_scene(name).about}")
+    say(f"wrote {sheet}")
+
+
+def synth(
+    scene: str,
+    target: Path,
+    *,
+    frames: int,
+    camera: str | None,
+    sensor: str,
+    trajectory: str,
+    speed: float | None,
+    light: str,
+    severity: float,
+    frequency: float | None,
+    seed: int,
+    force: bool,
+) -> None:
+    """Write a synthetic sequence; see `edvo.cli.app.synth`."""
+    data = load_scene(scene)
+    recipe = make_recipe(
+        data,
+        frames=frames,
+        camera=_camera(camera),
+        sensor=sensor,
+        trajectory=trajectory,
+        speed=speed,
+        light=scene_light(
+            light, data.lights.state(), severity=severity, frequency=frequency, seed=seed
+        ),
+        seed=seed,
+    )
+    options: dict[str, object] = {
+        "frames": frames,
+        "camera": camera,
+        "sensor": sensor,
+        "trajectory": trajectory,
+        "speed": speed,
+        "light": light,
+        "severity": severity,
+        "frequency": frequency,
+        "seed": seed,
+    }
+    command = ["edvo", "synth", scene, target.name]
+    for name, value in options.items():
+        if value is not None:
+            command += [f"--{name}", str(value)]
+    with ExitStack() as bars:
+        advance: Advance | None = None
+
+        def step(done: int, total: int) -> None:
+            nonlocal advance
+            if advance is None:
+                advance = bars.enter_context(progress(f"rendering {data.name}", total))
+            advance()
+
+        folder = write_sequence(
+            SyntheticSource(recipe),
+            target,
+            command=shlex.join(command),
+            force=force,
+            progress=step,
+        )
+    say(f"{frames} frames of {data.name} in {folder}")
+
+
+def _camera(name: str | None) -> Camera:
+    """Find a camera by name or file."""
+    if name is None:
+        return DEFAULT_CAMERA
+    if name in KNOWN_CAMERAS:
+        return KNOWN_CAMERAS[name]
+    if Path(name).suffix.lower() in (".yaml", ".yml"):
+        return Camera.from_yaml(name)
+    raise SceneError(f"no camera {name!r}; there are {', '.join(KNOWN_CAMERAS)}, or a YAML file")

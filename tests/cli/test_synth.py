@@ -1,0 +1,86 @@
+"""`edvo synth` as from a shell."""
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import pytest
+
+from edvo.datasets import open_source
+
+SMALL = """width: 80
+height: 60
+fx: 67
+fy: 67
+cx: 39.5
+cy: 29.5
+distortion: [0, 0, 0, 0, 0]
+depth_scale: 5000
+"""
+
+
+@pytest.fixture
+def camera(tmp_path: Path) -> Path:
+    file = tmp_path / "small.yaml"
+    file.write_text(SMALL)
+    return file
+
+
+def test_a_sequence_is_written_and_can_be_opened(edvo: Any, tmp_path: Path, camera: Path) -> None:
+    target = tmp_path / "s"
+    options = ("--frames", 4, "--camera", camera, "--seed", 3, "--light", "ambient+diffuse")
+    done = edvo("synth", "notexture_far", target, *options)
+    assert done.status == 0, done.err
+    assert "4 frames" in done.out
+    source = open_source(target)
+    assert len(source) == 4
+    assert source.camera.width == 80
+    assert source.read(3).problem is None
+    assert "--seed 3" in (target / "README.txt").read_text()
+    again = edvo("synth", "notexture_far", tmp_path / "t" / "s", *options)
+    assert again.status == 0, again.err
+    for file in sorted(target.rglob("*.*")):
+        assert file.read_bytes() == (tmp_path / "t" / "s" / file.relative_to(target)).read_bytes()
+
+
+def test_a_filled_folder_needs_force(edvo: Any, tmp_path: Path, camera: Path) -> None:
+    (tmp_path / "s").mkdir()
+    (tmp_path / "s" / "mine.txt").write_text("mine")
+    options = ("synth", "cabinet", tmp_path / "s", "--frames", 1, "--camera", camera)
+    refused = edvo(*options)
+    assert refused.status == 1
+    assert "--force" in refused.err
+    assert edvo(*options, "--force").status == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("kitchen", "x"), ("kitchen", "office")),
+        (("office", "x", "--light", "disco"), ("disco", "ambient")),
+        (("office", "x", "--sensor", "lidar"), ("lidar", "kinect_v1")),
+        (("office", "x", "--camera", "leica"), ("leica", "tum-fr1")),
+        (("office", "x", "--trajectory", "flying"), ("flying", "handheld")),
+        (("office", "x", "--speed", "-1"), ("speed", "-1")),
+        (("office", "x", "--frames", "0"), ("frames",)),
+        ((), ("SCENE", "--list")),
+    ],
+)
+def test_what_is_wrong_is_said_in_a_line(
+    edvo: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: Any, words: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = edvo("synth", *arguments)
+    assert result.status != 0
+    for word in words:
+        assert word in result.err
+    assert "Traceback" not in result.err
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_list_comes_with_thumbnails(edvo: Any, tmp_path: Path) -> None:
+    result = edvo("synth", "--list", "--sheet", tmp_path / "sheet.png")
+    assert result.status == 0, result.err
+    for name in ("notexture_far", "office", "white_wall"):
+        assert name in result.out
+    assert cv2.imread(str(tmp_path / "sheet.png")).shape[1] == 1280
