@@ -116,10 +116,11 @@ def _look_at_registration(frames: Sequence[Frame]) -> list[str]:
 def _edges(grey: NDArray[np.uint8]) -> NDArray[np.float32]:
     """Edges of an image, widened by a pixel or two so that a near miss counts."""
     mask = cv2.Canny(cv2.GaussianBlur(grey, (5, 5), 0), 30, 90)
-    return np.asarray(cv2.GaussianBlur(mask, (5, 5), 0), np.float32) / 255
+    return np.asarray(cv2.GaussianBlur(mask, (5, 5), 0), np.float32) * np.float32(1 / 255)
 
 
 def _contours(depth: NDArray[np.float32]) -> NDArray[np.float32]:
     """Pixels near which, on the far side of any hole, depth is much larger."""
     beyond = cv2.dilate(depth, np.ones((5, 5), np.uint8))
-    return np.asarray((depth > 0) & (beyond > DEPTH_STEP * depth), np.float32)
+    far = np.asarray(beyond, np.float32) > DEPTH_STEP * depth
+    return np.asarray((depth > 0) & far, np.float32)
