@@ -188,7 +188,7 @@ def test_a_texture_stays_between_its_albedos_and_is_seen_alike_from_near_and_far
     # Four times as far, the middle quarter is what was the whole view.
     shrunk = cv2.resize(near, (40, 30), interpolation=cv2.INTER_AREA)
     middle = far[45:75, 60:100]
-    assert abs(float(shrunk.mean() - middle.mean())) < 0.03
+    assert abs(float(shrunk.mean() - middle.mean())) < 0.05
     assert np.corrcoef(shrunk[..., 0].ravel(), middle[..., 0].ravel())[0, 1] > 0.6
 
 

@@ -142,12 +142,12 @@ def _cloud(x: float, y: float, wx: float, wy: float, octaves: int, seed: int) ->
     w = max(wx, wy)
     for k in range(octaves):
         keep = min(max(0.5 / max(w, 1e-9) - 1.0, 0.0), 1.0)
-        weight += amplitude
+        weight += amplitude * amplitude
         if keep == 0.0:
             break
         total += keep * amplitude * _perlin(x, y, seed + 101 * k)
         x, y, w, amplitude = 2.0 * x + 17.3, 2.0 * y + 5.9, 2.0 * w, 0.5 * amplitude
-    return min(max(0.5 + 0.6 * total / weight, 0.0), 1.0)
+    return float(min(max(0.5 + 0.6 * total / np.sqrt(weight), 0.0), 1.0))
 
 
 @compiled
@@ -190,11 +190,11 @@ def _tiles(x: float, y: float, wx: float, wy: float, octaves: int, seed: int) ->
     """Sum octaves of random cells to 0..1."""
     total, weight, amplitude = 0.0, 0.0, 1.0
     for k in range(octaves):
-        total += amplitude * _cells(x, y, wx, wy, seed + 211 * k)
-        weight += amplitude
+        total += amplitude * (_cells(x, y, wx, wy, seed + 211 * k) - 0.5)
+        weight += amplitude * amplitude
         x, y, wx, wy = 2.7 * x + 0.31, 2.7 * y + 0.77, 2.7 * wx, 2.7 * wy
         amplitude *= 0.7
-    return total / weight
+    return float(min(max(0.5 + total / np.sqrt(weight), 0.0), 1.0))
 
 
 @compiled

@@ -5,7 +5,6 @@ radiance 1, which is where a sensor at exposure 1 saturates; a light adds
 ``albedo * intensity * max(n . l, 0)``. Vectors are in the world frame of the scene.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Protocol, runtime_checkable
 
@@ -102,10 +101,6 @@ class LightSignal(Protocol):
     def at(self, t: float) -> LightState:
         """Give the light at ``t`` seconds from the start of the sequence."""
         ...
-
-
-#: Makes a signal out of the lamps that a scene has by itself.
-LightModel = Callable[[LightState], LightSignal]
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ from edvo.synthesis.motion import Motion, make_motion
 from edvo.synthesis.randomness import generator
 from edvo.synthesis.renderer import Renderer, Rendering, Shutter
 from edvo.synthesis.scene import Scene, load_scene
+from edvo.synthesis.scene_lights import scene_light
 from edvo.trajectory import Trajectory
 
 TRUTH_RATE = 100.0  # Hz, as the motion capture of the TUM sequences
@@ -129,6 +130,7 @@ def make_recipe(
     sensor: str = "kinect_v1",
     trajectory: str | Path = "handheld",
     speed: float | None = None,
+    light: str | LightSignal | None = None,
     seed: int = 0,
     **more: Any,
 ) -> Recipe:
@@ -148,8 +150,10 @@ def make_recipe(
         See `edvo.synthesis.motion.make_motion`.
     speed : float, optional
         Metres per second; what suits the scene by default.
+    light : str or LightSignal, optional
+        See `edvo.synthesis.scene_lights.scene_light`; the scene's own constant lamps by default.
     seed : int
-        Of tremor and noise.
+        Of tremor, light and noise.
     **more
         The other fields of `Recipe`.
 
@@ -168,8 +172,10 @@ def make_recipe(
     if seed < 0:
         raise SceneError(f"seed {seed}; give 0 or more")
     motion = make_motion(trajectory, scene.camera, speed=speed, seed=seed)
+    if isinstance(light, str):
+        light = scene_light(light, scene.lights.state(), seed=seed)
     depth = depth_sensor(sensor)
-    return Recipe(scene, motion, frames, camera, depth, seed=seed, **more)
+    return Recipe(scene, motion, frames, camera, depth, light=light, seed=seed, **more)
 
 
 class SyntheticSource:
