@@ -1,0 +1,566 @@
+"""Each compiled kernel does what its plain twin says; both times are printed (pytest -s)."""
+
+import time
+
+import numpy as np
+import pytest
+
+from edvo import kernels, robust, se3
+from edvo.camera import Camera
+from edvo.config import EdgesConfig, MatchingConfig, RegistrationConfig
+from edvo.edges import EdgePixels, extract_edges
+from edvo.matching import Criterion, EdgeIndex
+from edvo.registration import Registration
+
+from . import problems, twins
+
+LENS = Camera(
+    width=640,
+    height=480,
+    fx=517.3,
+    fy=516.5,
+    cx=318.6,
+    cy=255.3,
+    distortion=(0.26, -0.95, -0.0054, 0.0026, 1.16),
+)
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(1)
+
+
+def both(name, kernel, twin):
+    """Results of kernel (called twice, so that its compilation is not timed) and twin."""
+    kernel()
+    start = time.perf_counter()
+    fast = kernel()
+    middle = time.perf_counter()
+    slow = twin()
+    end = time.perf_counter()
+    times = f"kernel {1e6 * (middle - start):9.1f} us, NumPy {1e6 * (end - middle):9.1f} us"
+    print(f"\n{name:18s} {times}")
+    return fast, slow
+
+
+def depth_image(rng, shape=(120, 160)):
+    """Two surfaces with noise, strays between them, and holes."""
+    depth = np.where(np.arange(shape[1]) < 80, 1.5, 2.5) + np.zeros(shape)
+    depth += rng.normal(0, 0.01, shape)
+    depth[:, 78:82] = rng.uniform(1.5, 2.5, (shape[0], 4))
+    depth[rng.random(shape) < 0.3] = 0
+    depth[40:60, 20:120] = 0
+    return depth.astype(np.float32)
+
+
+# ---------------------------------------------------------------------------------------- edges
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (3, 5), (7, 8), (480, 640), (37, 61)])
+@pytest.mark.parametrize("share", [0.0, 0.02, 1.0])
+def test_collect_edges(rng, shape, share):
+    mask = (rng.random(shape) < share).astype(np.uint8) * np.uint8(255)
+    index = np.empty(np.count_nonzero(mask), np.int32)
+    count, expected = both(
+        "collect_edges",
+        lambda: kernels.collect_edges(mask, index),
+        lambda: twins.collect_edges(mask),
+    )
+    assert count == len(expected)
+    np.testing.assert_array_equal(index, expected)
+
+
+@pytest.mark.parametrize("distorted", [False, True])
+def test_describe_edges(rng, distorted):
+    dx, dy = rng.integers(-1000, 1000, (2, 480, 640)).astype(np.int16)
+    mask = rng.random((480, 640)) < 0.02
+    mask[[0, 0, -1, -1], [0, -1, 0, -1]] = True
+    index = np.flatnonzero(mask & ((dx != 0) | (dy != 0))).astype(np.int32)
+    table = LENS.undistortion_table() if distorted else np.empty((0, 0, 2), np.float32)
+    pixels, gradients = np.empty((2, len(index), 2), np.float32)
+    _, (twin_pixels, twin_gradients) = both(
+        "describe_edges",
+        lambda: kernels.describe_edges(index, dx, dy, table, pixels, gradients),
+        lambda: twins.describe_edges(index, dx, dy, table if distorted else None),
+    )
+    np.testing.assert_allclose(pixels, twin_pixels, atol=1e-4)
+    np.testing.assert_allclose(gradients, twin_gradients, atol=2e-4)
+
+
+@pytest.mark.parametrize("radius", [0, 1, 2, 5])
+@pytest.mark.parametrize("gap", [0.01, 0.05, 0.5])
+def test_depths_at(rng, radius, gap):
+    depth = depth_image(rng)
+    index = np.arange(depth.size, dtype=np.int32)[::3].copy()
+    result = np.empty(len(index), np.float32)
+    _, expected = both(
+        "depths_at",
+        lambda: kernels.depths_at(depth, index, radius, gap, result),
+        lambda: twins.depths_at(depth, index, radius, gap),
+    )
+    # where a depth lies on the very edge of the gap, rounding decides
+    differs = ~np.isclose(result, expected, rtol=1e-5)
+    assert differs.mean() < 1e-3
+    assert np.count_nonzero(expected == 0) > 0
+    for i in index[:50]:
+        one = kernels.depth_at(depth, int(i) % 160, int(i) // 160, radius, gap)
+        assert one == result[i // 3]
+
+
+# ------------------------------------------------------------------------------------- sampling
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2**31 * 1_000_003, 987654321])
+@pytest.mark.parametrize(
+    ("cell", "per_cell", "count"),
+    [(80, 5, 450), (16, 5, 100), (40, 0, 300), (500, 7, 50), (20, 100, 5000), (20, 3, 0)],
+)
+def test_draw_samples_to_the_last_one(rng, seed, cell, per_cell, count):
+    depth = depth_image(rng)
+    index = np.flatnonzero(rng.random(depth.shape) < 0.05).astype(np.int32)
+    radius, gap = 1, 0.05
+    available = np.empty(len(index), np.float32)
+    kernels.depths_at(depth, index, radius, gap, available)
+    samples = np.empty(len(index), np.int32)
+    depths = np.empty(len(index), np.float32)
+    drawn, expected = both(
+        "draw_samples",
+        lambda: kernels.draw_samples(
+            index, depth, cell, per_cell, count, radius, gap, seed, samples, depths
+        ),
+        lambda: twins.draw_samples(index, available, depth.shape, cell, per_cell, count, seed),
+    )
+    np.testing.assert_array_equal(samples[:drawn], expected)
+    np.testing.assert_array_equal(depths[:drawn], available[expected])
+
+
+def test_draw_samples_of_no_edges():
+    none, depth = np.empty(0, np.int32), np.ones((48, 64), np.float32)
+    buffers = np.empty(5, np.int32), np.empty(5, np.float32)
+    assert kernels.draw_samples(none, depth, 16, 5, 5, 2, 0.05, 0, *buffers) == 0
+
+
+# ------------------------------------------------------------------------------------- matching
+
+
+@pytest.mark.parametrize("n", [0, 1, 2, 500])
+@pytest.mark.parametrize("cell", [1.0, 8.0, 5000.0])
+def test_build_grid_keeps_every_edge_in_its_cell(rng, n, cell):
+    edges = problems.random_edges(rng, n)
+    grid = kernels.build_grid(edges.pixels, edges.gradients, cell)
+    assert sorted(grid.order) == list(range(n))
+    np.testing.assert_array_equal(grid.points[:, :2], edges.pixels[grid.order])
+    np.testing.assert_array_equal(grid.points[:, 2:], edges.gradients[grid.order])
+    assert grid.start[0] == 0
+    assert grid.start[-1] == n
+    assert len(grid.start) == grid.rows * grid.cols + 1
+    cells = np.repeat(np.arange(grid.rows * grid.cols), np.diff(grid.start))
+    row, col = np.divmod(cells, grid.cols)
+    corner = np.column_stack((grid.left + col * cell, grid.top + row * cell))
+    inside = grid.points[:, :2] - corner
+    assert (inside >= -1e-3).all()
+    assert (inside <= cell + 1e-3).all()
+
+
+@pytest.mark.parametrize("n", [0, 1, 2, 3, 64, 1000])
+@pytest.mark.parametrize("weight", [0.0, 100.0, 1e6])
+def test_build_tree_is_balanced(rng, n, weight):
+    edges = problems.random_edges(rng, n)
+    tree = kernels.build_tree(edges.pixels, edges.gradients, weight)
+    assert sorted(tree.order) == list(range(n))
+    points = np.column_stack((edges.pixels, edges.gradients))
+    np.testing.assert_array_equal(tree.points, points[tree.order])
+    twins.check_tree(tree)
+    if weight == 0 and n > 2:
+        assert set(tree.axis) <= {0, 1}
+
+
+def test_build_tree_of_equal_points():
+    ones = np.ones((300, 2), np.float32)
+    tree = kernels.build_tree(ones, ones, 100.0)
+    assert sorted(tree.order) == list(range(300))
+    twins.check_tree(tree)
+
+
+# --------------------------------------------------------------------------------- robust costs
+
+
+@pytest.mark.parametrize("nu", [1.0, 2.0, 5.0])
+@pytest.mark.parametrize("start", [1.0, 0.01, 100.0])
+def test_student_scale(rng, nu, start):
+    residuals = rng.standard_t(2, 450) * 0.7
+    sigma, expected = both(
+        "student_scale",
+        lambda: kernels.student_scale(residuals, len(residuals), nu, start, 1e-3),
+        lambda: robust.student_scale(residuals, nu, tolerance=1e-9),
+    )
+    assert sigma == pytest.approx(expected, rel=5e-3)  # both stop at a relative change of 1e-3
+    assert kernels.student_scale(residuals, len(residuals), nu, 1.0, 1e-3) == pytest.approx(
+        robust.student_scale(residuals, nu), rel=1e-12
+    )
+
+
+def test_scales_have_a_floor():
+    zeros = np.zeros(20)
+    assert kernels.student_scale(zeros, 20, 2.0, 1.0, 1e-3) == 1e-3
+    assert kernels.median_scale(zeros, 20, 1e-3) == 1e-3
+
+
+@pytest.mark.parametrize("n", [1, 2, 451])
+def test_median_scale(rng, n):
+    residuals = rng.normal(size=n + 10)
+    sigma, expected = both(
+        "median_scale",
+        lambda: kernels.median_scale(residuals, n, 1e-9),
+        lambda: robust.median_scale(residuals[:n]),
+    )
+    assert sigma == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", robust.WEIGHTS)
+def test_robust_weight_and_cost(name):
+    tuning = robust.TUNING.get(name, 2.0)
+    residuals = np.concatenate(([0.0], np.geomspace(1e-6, 1e6, 60)))
+    code = robust.WEIGHTS[name]
+    weight, cost = kernels.robust_weight, kernels.robust_cost
+    np.testing.assert_allclose(
+        [weight(r * r, code, tuning) for r in residuals],
+        robust.weights(residuals, name, tuning),
+        rtol=1e-12,
+        atol=1e-300,
+    )
+    np.testing.assert_allclose(
+        [cost(r * r, code, tuning) for r in residuals],
+        twins.cost(residuals, name, tuning),
+        rtol=1e-9,
+    )
+
+
+def solver(config=None, **changes):
+    """What a configuration (by default one with the t-distribution) means to the kernels."""
+    config = config or RegistrationConfig(weight="t")
+    values = {
+        "residual": kernels.SIGNED,
+        "weight": robust.WEIGHTS[config.weight],
+        "tuning": robust.TUNING.get(config.weight, config.nu),
+        "min_sigma": config.min_sigma_px,
+        "min_matches": config.min_matches,
+        "max_iterations": config.max_iterations,
+        "switch_px": MatchingConfig().switch_px,
+        "stop_px": config.stop_px,
+        "stop_cost": config.stop_decrease,
+        "damping": config.damping,
+        "damping_up": config.damping_up,
+        "damping_down": config.damping_down,
+        "max_rejections": config.max_rejections,
+    }
+    return kernels.Solver(**{**values, **changes})
+
+
+@pytest.mark.parametrize("name", robust.WEIGHTS)
+@pytest.mark.parametrize("count", [0, 1, 16, 17, 437])
+@pytest.mark.parametrize("missing", [0, 13])
+def test_mean_cost(rng, name, count, missing):
+    missing += not count  # of no sample at all there is no mean
+    tuning = robust.TUNING.get(name, 2.0)
+    residuals = rng.standard_t(2, 500) * 3
+    sigma, limit = 0.4, 900.0
+    settings = solver(weight=robust.WEIGHTS[name], tuning=tuning)
+    cost, expected = both(
+        f"mean_cost {name}",
+        lambda: kernels.mean_cost(residuals, count, count + missing, sigma, limit, settings),
+        lambda: twins.mean_cost(residuals[:count], count + missing, sigma, limit, name, tuning),
+    )
+    assert cost == pytest.approx(expected, rel=1e-9)
+
+
+def test_mean_cost_does_not_overflow():
+    residuals = np.full(450, 1e6)
+    cost = kernels.mean_cost(residuals, 450, 450, 1e-3, 900.0, solver())
+    assert cost == pytest.approx(twins.mean_cost(residuals, 450, 1e-3, 900.0, "t", 2.0), rel=1e-9)
+
+
+# --------------------------------------------------------------------------------- registration
+
+
+def test_exp_se3(rng):
+    for size in (0.0, 1e-12, 1e-6, 1e-4, 1e-2, 1.0, 3.1):
+        xi = rng.normal(size=6)
+        xi[3:] *= size / np.linalg.norm(xi[3:])
+        T, expected = both("exp_se3", lambda xi=xi: kernels.exp_se3(xi), lambda xi=xi: se3.exp(xi))
+        np.testing.assert_allclose(T, expected, atol=1e-12)
+
+
+def test_product(rng):
+    A, B = problems.motion(rng, 2.0, 50), problems.motion(rng, 1.0, 170)
+    C, expected = both("product", lambda: kernels.product(A, B), lambda: A @ B)
+    np.testing.assert_allclose(C, expected, atol=1e-14)
+
+
+def test_orthonormalize(rng):
+    for _ in range(20):
+        T = problems.motion(rng, 1.0, rng.uniform(0, 180))
+        drifted = T.copy()
+        drifted[:3, :3] += rng.normal(0, 1e-3, (3, 3))
+        expected = twins.orthonormal(drifted)
+        kernels.orthonormalize(drifted)
+        np.testing.assert_allclose(drifted, expected, atol=1e-12)
+        np.testing.assert_allclose(drifted[:3, :3].T @ drifted[:3, :3], np.eye(3), atol=1e-14)
+        assert np.linalg.det(drifted[:3, :3]) == pytest.approx(1)
+        np.testing.assert_array_equal(drifted[:, 3], T[:, 3])
+
+
+@pytest.mark.parametrize("damping", [0.0, 1e-4, 10.0])
+def test_solve_damped(rng, damping):
+    step = np.empty(6)
+    J = rng.normal(size=(40, 6)) * (1, 1, 1, 100, 100, 1e-3)  # columns as unlike as in practice
+    H, b = J.T @ J, rng.normal(size=6)
+    good, expected = both(
+        "solve_damped",
+        lambda: kernels.solve_damped(H, b, damping, step),
+        lambda: twins.solve_damped(H, b, damping),
+    )
+    assert good
+    np.testing.assert_allclose(step, expected, rtol=1e-8)
+
+
+def test_solve_damped_refuses_what_is_singular(rng):
+    J = rng.normal(size=(40, 6))
+    J[:, 5] = J[:, 0] - 2 * J[:, 3]
+    step = np.empty(6)
+    assert not kernels.solve_damped(J.T @ J, rng.normal(size=6), 0.0, step)
+    assert not kernels.solve_damped(np.zeros((6, 6)), np.ones(6), 1e-4, step)
+    assert not kernels.solve_damped(np.full((6, 6), np.nan), np.ones(6), 1e-4, step)
+
+
+def pinhole(camera):
+    return kernels.Pinhole(camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height)
+
+
+class Warp:
+    """The kernel `warp_and_match` with its state, as a function of the pose."""
+
+    def __init__(self, problem, criterion, residual=kernels.SIGNED):
+        self.problem, self.criterion, self.residual = problem, criterion, residual
+        self.index = EdgeIndex(problem.reference)
+        self.points = problem.samples.points(problem.camera)
+        self.state = kernels.new_matches(len(self.points))
+        self.state.bound[:] = 0
+        self.residuals = np.empty(len(self.points))
+
+    def __call__(self, T, stride=1):
+        count = kernels.warp_and_match(
+            self.index.grid,
+            self.points,
+            self.problem.samples.gradients,
+            stride,
+            pinhole(self.problem.camera),
+            T,
+            self.criterion,
+            self.residual,
+            self.state,
+            self.residuals,
+        )
+        return self.residuals[:count].copy()
+
+    def fresh(self, T):
+        """The same by the twin."""
+        return twins.warp_and_match(
+            self.problem.reference,
+            self.points,
+            self.problem.samples.gradients,
+            self.problem.camera,
+            T,
+            self.criterion,
+            self.residual == kernels.SIGNED,
+        )
+
+    def costs(self, T):
+        """Costs of the matches that the kernel holds, by Eq. (6) in float64."""
+        edge = self.state.edge
+        _, pixels, _ = twins.warp(self.points, self.problem.camera, T)
+        reference = self.index.grid.points[edge].astype(np.float64)
+        distance = ((pixels - reference[:, :2]) ** 2).sum(axis=1)
+        dot = (self.problem.samples.gradients * reference[:, 2:]).sum(axis=1)
+        cost = distance + self.criterion.direction * (dot - 1) ** 2
+        return np.where(edge < 0, np.inf, cost)
+
+
+CRITERIA = {
+    "robust": Criterion(0.7, 640, 30.0),
+    "normal": Criterion(0.0, 640, 30.0),
+    "far": Criterion(0.7, 640, np.inf),
+    "narrow": Criterion(0.7, 640, 4.0, 20.0),
+}
+
+
+@pytest.mark.parametrize("criterion", CRITERIA)
+@pytest.mark.parametrize("residual", [kernels.SIGNED, kernels.DISTANCE])
+def test_warp_and_match(rng, criterion, residual):
+    problem = problems.segments_problem(3, problems.motion(rng), outliers=0.2)
+    warp = Warp(problem, CRITERIA[criterion].compile(), residual)
+    T = problem.T_ref_cur @ problems.motion(rng, 0.02, 1.0)
+    residuals, expected = both("warp_and_match", lambda: warp(T), lambda: warp.fresh(T))
+    found = warp.state.edge >= 0
+    np.testing.assert_array_equal(found, expected.matched)
+    np.testing.assert_allclose(warp.costs(T)[found], expected.costs[found], atol=1e-3)
+    same = warp.index.grid.order[warp.state.edge[found]] == expected.matches[found]
+    assert same.mean() > 0.98  # ties aside
+    np.testing.assert_allclose(residuals[same], expected.residuals[same], atol=1e-4)
+    np.testing.assert_allclose(warp.state.Y[found], expected.points[found], atol=1e-12)
+    np.testing.assert_allclose(warp.state.normal[found][same], expected.normals[same], atol=1e-3)
+
+
+@pytest.mark.parametrize("criterion", CRITERIA)
+@pytest.mark.parametrize("start", range(3))
+def test_matches_kept_without_a_search_are_still_the_best(criterion, start):
+    rng = np.random.default_rng(start)
+    problem = problems.segments_problem(start, problems.motion(rng), outliers=0.3)
+    warp = Warp(problem, CRITERIA[criterion].compile())
+    T = problem.T_ref_cur @ problems.motion(rng, 0.03, 2.0)
+    # the step sizes of a registration and of a drifting one, to and fro, and a leap
+    for size in (0.0, 1e-6, 1e-4, 1e-3, 3e-3, 1e-2, 1e-4, 0.1, 1e-3, 1e-5, 3e-3, 3e-3):
+        T = problems.motion(rng, size * 2 + 1e-12, size * 60 + 1e-12) @ T
+        warp(T)
+        expected = warp.fresh(T)
+        np.testing.assert_array_equal(warp.state.edge >= 0, expected.matched)
+        found = expected.matched
+        np.testing.assert_allclose(
+            warp.costs(T)[found], expected.costs[found], rtol=1e-6, atol=1e-4
+        )
+
+
+def test_samples_behind_the_camera_or_outside_of_the_image_have_no_match(rng):
+    problem = problems.segments_problem(3, np.eye(4))
+    warp = Warp(problem, CRITERIA["far"].compile())
+    behind = se3.exp([0, 0, -10, 0, 0, 0])
+    assert len(warp(behind)) == 0
+    beside = se3.exp([100, 0, 0, 0, 0, 0])
+    assert len(warp(beside)) == 0
+    assert len(warp(np.eye(4))) == len(problem.samples)
+
+
+def test_stride_takes_every_so_manyth_sample(rng):
+    problem = problems.segments_problem(3, np.eye(4), count=101)
+    warp = Warp(problem, CRITERIA["robust"].compile())
+    every = warp(np.eye(4))
+    assert len(warp(np.eye(4), 4)) == 26
+    np.testing.assert_array_equal(warp.state.edge[::4] >= 0, True)
+    np.testing.assert_allclose(warp(np.eye(4), 4), every[::4], atol=1e-9)
+
+
+@pytest.mark.parametrize("residual", [kernels.SIGNED, kernels.DISTANCE])
+@pytest.mark.parametrize("name", robust.WEIGHTS)
+def test_normal_equations(rng, residual, name):
+    problem = problems.segments_problem(4, problems.motion(rng), outliers=0.3)
+    warp = Warp(problem, CRITERIA["robust"].compile(), residual)
+    T = problem.T_ref_cur @ problems.motion(rng, 0.02, 1.0)
+    residuals = warp(T)
+    settings = solver(
+        residual=residual, weight=robust.WEIGHTS[name], tuning=robust.TUNING.get(name, 2.0)
+    )
+    sigma, H, b = 0.8, np.empty((6, 6)), np.empty(6)
+    seen = warp.fresh(T)
+
+    def twin():
+        J = twins.jacobian(seen, problem.camera)
+        W = robust.weights(seen.residuals / sigma, name, settings.tuning)
+        return J.T @ (W[:, None] * J), J.T @ (W * seen.residuals), W.sum()
+
+    total, (H_twin, _, total_twin) = both(
+        "normal_equations",
+        lambda: kernels.normal_equations(
+            pinhole(problem.camera), settings, sigma, warp.state, residuals, H, b
+        ),
+        twin,
+    )
+    # the matches are the same but for ties, the residuals to float32
+    assert total == pytest.approx(total_twin, rel=1e-3)
+    scale = np.sqrt(np.diag(H_twin))
+    np.testing.assert_allclose(
+        H / np.outer(scale, scale), H_twin / np.outer(scale, scale), atol=2e-2
+    )
+    np.testing.assert_array_equal(H, H.T)
+    # to the last digits with the kernel's own matches
+    own = EdgePixels(
+        warp.index.grid.points[:, :2], warp.index.grid.points[:, 2:], problem.reference.depths
+    )
+    offset = seen.pixels - own.pixels[warp.state.edge]
+    matched = warp.state.edge >= 0
+    warped = twins.Warped(
+        seen.points,
+        seen.pixels,
+        warp.state.edge,
+        seen.costs,
+        warp.state.normal[matched],
+        (offset * warp.state.normal).sum(axis=1)[matched],
+    )
+    J = twins.jacobian(warped, problem.camera)
+    W = robust.weights(residuals / sigma, name, settings.tuning)
+    np.testing.assert_allclose(H, J.T @ (W[:, None] * J), rtol=1e-9, atol=1e-9 * scale.max() ** 2)
+    np.testing.assert_allclose(b, J.T @ (W * residuals), rtol=1e-8, atol=1e-8 * scale.max())
+    np.testing.assert_allclose(residuals, warped.residuals, atol=1e-9)
+
+
+@pytest.mark.parametrize("weight", ["t", "huber", "tukey"])
+@pytest.mark.parametrize("seed", range(3))
+def test_align(seed, weight):
+    rng = np.random.default_rng(seed)
+    problem = problems.segments_problem(seed, problems.motion(rng, 0.05, 2.0), outliers=0.1)
+    config = RegistrationConfig(weight=weight)
+    matching = MatchingConfig(criterion="robust-then-normal")
+    registration = Registration(problem.camera, matching, config)
+    index = registration.index(problem.reference)
+    limits = (problem.camera.width, matching.max_distance_px, matching.max_angle_deg)
+    alignment, (T, iterations, seen) = both(
+        "align",
+        lambda: registration.align(index, problem.samples, np.eye(4)[None]),
+        lambda: twins.align(
+            problem.reference,
+            problem.samples.points(problem.camera),
+            problem.samples.gradients,
+            problem.camera,
+            np.eye(4),
+            Criterion(matching.gamma, *limits).compile(),
+            Criterion(0.0, *limits).compile(),
+            solver(config),
+        ),
+    )
+    np.testing.assert_allclose(alignment.T_ref_cur, T, atol=1e-6)
+    assert alignment.iterations == iterations
+    assert (alignment.matches == seen.matches).mean() > 0.98  # ties aside
+
+
+def test_align_on_rendered_images():
+    frames, poses = problems.sequence()
+    camera, config = problems.CAMERA, EdgesConfig()
+    reference = extract_edges(frames[0].grey, config).describe(camera)
+    current = extract_edges(frames[3].grey, config)
+    which = np.arange(0, len(current), 5, dtype=np.int32)
+    depths = np.empty(len(which), np.float32)
+    kernels.depths_at(frames[3].depth, current.index[which], 2, 0.05, depths)
+    samples = current.describe(camera, which[depths > 0], depths[depths > 0])
+    matching = MatchingConfig(criterion="robust-then-normal")
+    registration = Registration(camera, matching, RegistrationConfig(weight="t"))
+    index = registration.index(reference)
+    limits = (camera.width, matching.max_distance_px, matching.max_angle_deg)
+    # off the lattice of pixels, where many matches tie
+    start = se3.exp([0.0013, 0.0007, 0.0003, 0.0011, 0.0005, 0.0017])
+    alignment, (T, *_) = both(
+        "align, images",
+        lambda: registration.align(index, samples, start[None]),
+        lambda: twins.align(
+            reference,
+            samples.points(camera),
+            samples.gradients,
+            camera,
+            start,
+            Criterion(matching.gamma, *limits).compile(),
+            Criterion(0.0, *limits).compile(),
+            solver(),
+        ),
+    )
+    np.testing.assert_allclose(alignment.T_ref_cur, T, atol=1e-6)
+    distance, angle = problems.error(se3.inverse(poses[0]) @ poses[3], alignment.T_ref_cur)
+    assert distance < 0.015
+    assert angle < 0.3

@@ -1,0 +1,295 @@
+"""Plain NumPy twins of the tracker's kernels: what each of them computes, without its haste.
+
+Twins of `kernels.student_scale`, `median_scale` and `robust_weight` live in `edvo.robust`, that
+of matching in `edvo.matching.match_all_pairs`, that of `exp_se3` in `edvo.se3`.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from edvo import kernels, robust, se3
+
+MASK = (1 << 64) - 1
+NAMES = {code: name for name, code in robust.WEIGHTS.items()}
+
+
+# ---------------------------------------------------------------------------------------- edges
+
+
+def collect_edges(mask):
+    return np.flatnonzero(mask).astype(np.int32)
+
+
+def describe_edges(index, dx, dy, table=None):
+    """Ideal pixels and unit gradients; ``table`` (H, W, 2) or None for an ideal camera."""
+    width = dx.shape[1]
+    v, u = np.divmod(index.astype(np.int64), width)
+    gradients = np.column_stack((dx[v, u], dy[v, u])).astype(np.float64)
+    pixels = np.column_stack((u, v)).astype(np.float64)
+    if table is not None:
+        table = table.astype(np.float64)
+        pixels = table[v, u]
+        by_v, by_u = np.gradient(table, axis=(0, 1))
+        # d ideal / d raw, rows the ideal axes; a gradient goes over by the inverse transpose
+        jacobian = np.stack((by_u[v, u], by_v[v, u]), axis=-1)
+        gradients = np.linalg.solve(jacobian.transpose(0, 2, 1), gradients[:, :, None])[:, :, 0]
+    return pixels, gradients / np.linalg.norm(gradients, axis=1, keepdims=True)
+
+
+def depth_at(depth, u, v, radius, gap):
+    window = depth[max(v - radius, 0) : v + radius + 1, max(u - radius, 0) : u + radius + 1]
+    z = np.sort(window[window > 0]).astype(np.float64)
+    if not len(z):
+        return 0.0
+    if z[-1] <= z[0] * (1 + gap):
+        return float(z.mean())
+    support = max(3, -(-len(z) // 5))
+    for first in range(len(z) - support + 1):
+        group = z[first:][z[first:] <= z[first] * (1 + gap)]
+        if len(group) >= support:
+            return float(group.mean())
+    return 0.0
+
+
+def depths_at(depth, index, radius, gap):
+    width = depth.shape[1]
+    return np.array([depth_at(depth, int(i) % width, int(i) // width, radius, gap) for i in index])
+
+
+# ------------------------------------------------------------------------------------- sampling
+
+
+class Splitmix:
+    """Splitmix64 (Steele, Lea, Flood 2014) over Python's integers."""
+
+    def __init__(self, seed):
+        self.state = seed & MASK
+
+    def next(self):
+        self.state = (self.state + 0x9E3779B97F4A7C15) & MASK
+        z = self.state
+        z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & MASK
+        z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & MASK
+        return z ^ (z >> 31)
+
+    def pop(self, pool):
+        """Swap a random entry to the front, then take it off."""
+        k = self.next() % len(pool)
+        pool[0], pool[k] = pool[k], pool[0]
+        return pool.pop(0)
+
+
+def draw_samples(index, depths, shape, cell, per_cell, count, seed):
+    """Positions in ``index`` of the samples; ``depths`` (N,) are those of all edges."""
+    height, width = shape
+    cols, rows = -(-width // cell), -(-height // cell)
+    pools = [[] for _ in range(rows * cols)]
+    for i, flat in enumerate(index.tolist()):
+        pools[flat // width // cell * cols + flat % width // cell].append(i)
+    source = Splitmix(seed)
+    drawn, seen = [], set()
+    cells = list(range(rows * cols))
+    left = list(cells)
+    while left:
+        pool, taken = pools[source.pop(left)], 0
+        while pool and taken < per_cell and len(drawn) < count:
+            i = source.pop(pool)
+            seen.add(i)
+            if depths[i] > 0:
+                drawn.append(i)
+                taken += 1
+    rest = [i for pool in pools for i in pool]
+    while rest and len(drawn) < count:
+        i = source.pop(rest)
+        if depths[i] > 0:
+            drawn.append(i)
+    return np.array(sorted(drawn), np.int32)
+
+
+# ------------------------------------------------------------------------------------- matching
+
+
+def check_tree(tree):
+    """Assert that each node splits its range at the median, by its axis."""
+    todo = [(0, len(tree.points))]
+    while todo:
+        first, last = todo.pop()
+        if last - first < 2:
+            continue
+        middle = (first + last) // 2
+        axis = tree.axis[middle]
+        pivot = tree.points[middle, axis]
+        assert (tree.points[first:middle, axis] <= pivot).all()
+        assert (tree.points[middle + 1 : last, axis] >= pivot).all()
+        todo += [(first, middle), (middle + 1, last)]
+
+
+# --------------------------------------------------------------------------------- robust costs
+
+
+def cost(normalized, function, tuning):
+    """Loss whose derivative is weight x residual; residuals in units of their scale."""
+    square = np.asarray(normalized, np.float64) ** 2
+    if function == "t":
+        return 0.5 * (tuning + 1) * np.log1p(square / tuning)
+    if function == "huber":
+        size = np.sqrt(square)
+        return np.where(size <= tuning, 0.5 * square, tuning * (size - 0.5 * tuning))
+    if function == "cauchy":
+        return 0.5 * tuning**2 * np.log1p(square / tuning**2)
+    if function == "tukey":
+        return tuning**2 / 6 * (1 - np.clip(1 - square / tuning**2, 0, None) ** 3)
+    return 0.5 * square
+
+
+def mean_cost(residuals, samples, sigma, limit, function, tuning):
+    """Mean loss; a sample without a match costs as much as the worst match may."""
+    total = cost(residuals / sigma, function, tuning).sum()
+    missing = samples - len(residuals)
+    if missing:
+        total += missing * cost(np.sqrt(limit) / sigma, function, tuning)
+    return float(total / samples)
+
+
+# --------------------------------------------------------------------------------- registration
+
+
+def orthonormal(T):
+    """Gram-Schmidt on the first two columns of the rotation, the third by the cross product."""
+    x = T[:3, 0] / np.linalg.norm(T[:3, 0])
+    y = T[:3, 1] - x * (x @ T[:3, 1])
+    y /= np.linalg.norm(y)
+    result = T.copy()
+    result[:3, :3] = np.column_stack((x, y, np.cross(x, y)))
+    return result
+
+
+def solve_damped(H, b, damping):
+    return np.linalg.solve(H + damping * np.diag(np.diag(H)), -b)
+
+
+@dataclass
+class Warped:
+    """Samples seen from the reference, and what they match there."""
+
+    points: np.ndarray  # (N, 3) m
+    pixels: np.ndarray  # (N, 2)
+    matches: np.ndarray  # (N,) reference edge, -1 where none
+    costs: np.ndarray  # (N,) px^2
+    normals: np.ndarray  # (K, 2) of the matched ones
+    residuals: np.ndarray  # (K,)
+
+    @property
+    def matched(self):
+        return self.matches >= 0
+
+
+def warp(points, camera, T):
+    """Points and pixels in the reference camera (Eq. 1), and which of them it sees."""
+    Y = points @ T[:3, :3].T + T[:3, 3]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        u = camera.fx * Y[:, 0] / Y[:, 2] + camera.cx
+        v = camera.fy * Y[:, 1] / Y[:, 2] + camera.cy
+    seen = (
+        (Y[:, 2] >= kernels.MIN_DEPTH)
+        & (u >= -0.5)
+        & (u < camera.width - 0.5)
+        & (v >= -0.5)
+        & (v < camera.height - 0.5)
+    )
+    return Y, np.column_stack((u, v)), seen
+
+
+def warp_and_match(edges, points, gradients, camera, T, criterion, signed=True):
+    """Warp (Eq. 1), match by every pair (Eq. 6), take residuals (Eq. 10-12)."""
+    Y, pixels, seen = warp(points, camera, T)
+    offset = pixels[:, None] - edges.pixels[None].astype(np.float64)
+    distance = (offset**2).sum(axis=2)
+    dot = gradients.astype(np.float64) @ edges.gradients.astype(np.float64).T
+    costs = distance + criterion.direction * (dot - 1) ** 2
+    costs[(distance > criterion.limit) | (dot < criterion.min_dot)] = np.inf
+    costs[~seen] = np.inf
+    matches = costs.argmin(axis=1)
+    least = costs[np.arange(len(points)), matches]
+    matches[np.isinf(least)] = -1
+    matched = matches >= 0
+    F = pixels[matched] - edges.pixels[matches[matched]]
+    normals = edges.gradients[matches[matched]].astype(np.float64)
+    if signed:
+        residuals = (F * normals).sum(axis=1)
+    else:
+        residuals = np.linalg.norm(F, axis=1)
+        normals = F / np.maximum(residuals, 1e-300)[:, None]
+    return Warped(Y, pixels, matches, least, normals, residuals)
+
+
+def jacobian(warped, camera):
+    """Derivative of the residuals by a left perturbation of T, (K, 6)."""
+    rows = []
+    for Y, n in zip(warped.points[warped.matched], warped.normals, strict=True):
+        x, y, z = Y
+        project = np.array(
+            [[camera.fx / z, 0, -camera.fx * x / z**2], [0, camera.fy / z, -camera.fy * y / z**2]]
+        )
+        rows.append(n @ project @ np.column_stack((np.eye(3), -se3.hat(Y))))
+    return np.array(rows).reshape(-1, 6)
+
+
+def scale(residuals, sigma, solver):
+    """Scale by the rule that goes with the weight function, from the last one."""
+    if NAMES[solver.weight] != "t":
+        return max(robust.median_scale(residuals), solver.min_sigma)
+    for _ in range(50):
+        square = residuals**2
+        weighted = square * (solver.tuning + 1) / (solver.tuning + square / sigma**2)
+        new = max(float(np.sqrt(weighted.mean())), solver.min_sigma)
+        if abs(new - sigma) < 1e-3 * sigma:
+            return new
+        sigma = new
+    return sigma
+
+
+def align(edges, points, gradients, camera, T, robust_criterion, normal_criterion, solver):
+    """Iterate Eq. (13)-(14) from T, through both stages; returns T, iterations and Warped."""
+    function = NAMES[solver.weight]
+    n, iterations, sigma = len(points), 0, 1.0
+    for criterion, enough in (
+        (robust_criterion, solver.switch_px),
+        (normal_criterion, solver.stop_px),
+    ):
+
+        def look(pose, criterion=criterion):
+            signed = solver.residual == kernels.SIGNED
+            return warp_and_match(edges, points, gradients, camera, pose, criterion, signed)
+
+        def loss(seen, sigma, limit=criterion.limit):
+            return mean_cost(seen.residuals, n, sigma, limit, function, solver.tuning)
+
+        now, damping, rejections, accepted = look(T), solver.damping, 0, True
+        while iterations < solver.max_iterations:
+            if accepted:
+                sigma = scale(now.residuals, sigma, solver)
+                J = jacobian(now, camera)
+                W = robust.weights(now.residuals / sigma, function, solver.tuning)
+                H, b = J.T @ (W[:, None] * J), J.T @ (W * now.residuals)
+            step = solve_damped(H, b, damping)
+            change = np.sqrt(step @ H @ step / W.sum())
+            iterations += 1
+            trial_T = se3.exp(step) @ T
+            if change < enough:
+                T = trial_T
+                break
+            trial = look(trial_T)
+            before, after = loss(now, sigma), loss(trial, sigma)
+            accepted = after < before
+            if accepted:
+                T, now = trial_T, trial
+                damping, rejections = damping * solver.damping_down, 0
+                if before - after < solver.stop_cost * before:
+                    break
+            else:
+                damping, rejections = damping * solver.damping_up, rejections + 1
+                if rejections > solver.max_rejections:
+                    break
+    return T, iterations, now
