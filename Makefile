@@ -35,6 +35,8 @@ lint: $(VENV)/.with-lint
 
 bench: $(VENV)/.with-bench
 	$(BIN)/python -m benchmarks.report -o bench
+	$(BIN)/python -m pytest benchmarks --benchmark-columns=min,median,iqr,rounds \
+		--benchmark-group-by=param:frames --benchmark-json=bench/pytest-benchmark.json
 
 docs: $(VENV)/.with-docs
 	$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet -b html docs docs/_build/html

@@ -9,12 +9,33 @@ from edvo.config import EdgesConfig
 from edvo.frame import Frame
 
 
-def edge_detector(grey: NDArray[np.uint8], config: EdgesConfig) -> NDArray[np.uint8]:
-    """Blur, differentiate and run Canny: the least that any method based on edges has to do."""
-    smooth = cv2.GaussianBlur(grey, (5, 5), 0)
-    du = cv2.Sobel(smooth, cv2.CV_16S, 1, 0)
-    dv = cv2.Sobel(smooth, cv2.CV_16S, 0, 1)
-    return np.asarray(cv2.Canny(du, dv, config.low, config.high), np.uint8)
+class EdgeDetector:
+    """Blur, differentiate and run Canny: the least that any method based on edges has to do.
+
+    Results go to arrays made beforehand: otherwise glibc may hand 2 MB back to the system after
+    each image and take it again for the next, which costs more than the detector does.
+
+    Parameters
+    ----------
+    camera : Camera
+        Gives the size of the images.
+    config : EdgesConfig
+        Thresholds of Canny.
+    """
+
+    def __init__(self, camera: Camera, config: EdgesConfig) -> None:
+        size = camera.height, camera.width
+        self._config = config
+        self._smooth, self._mask = np.empty(size, np.uint8), np.empty(size, np.uint8)
+        self._du, self._dv = np.empty(size, np.int16), np.empty(size, np.int16)
+
+    def detect(self, frame: Frame) -> NDArray[np.uint8]:
+        """Find the edge pixels; the mask is good until the next call."""
+        cv2.GaussianBlur(frame.grey, (5, 5), 0, dst=self._smooth)
+        cv2.Sobel(self._smooth, cv2.CV_16S, 1, 0, dst=self._du)
+        cv2.Sobel(self._smooth, cv2.CV_16S, 0, 1, dst=self._dv)
+        cv2.Canny(self._du, self._dv, self._config.low, self._config.high, edges=self._mask)
+        return self._mask
 
 
 class OpenCvOdometry:

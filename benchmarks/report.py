@@ -11,13 +11,15 @@ from pathlib import Path
 
 import cv2
 
-from benchmarks.frames import DATA, REAL
+from benchmarks.frames import DATA, REAL, ROOT
 from benchmarks.machine import Others, describe
 from benchmarks.section import Section, Settings, table
 from edvo.files import output_folder, write_atomically
 
 SECTIONS = ("speed", "stages", "scaling", "memory", "cores", "startup")
 FILE = "benchmarks.md"
+PAGE = ROOT / "docs" / "benchmarks.md"
+MARK = "<!-- measured: written by python -m benchmarks.report --docs -->\n"
 
 
 def main() -> None:
@@ -28,11 +30,14 @@ def main() -> None:
     parser.add_argument(
         "--only", default=",".join(SECTIONS), help=f"some of {', '.join(SECTIONS)}, by comma"
     )
+    parser.add_argument("--docs", action="store_true", help="put the result into docs/ as well")
     given = parser.parse_args()
     names = given.only.split(",")
     for name in names:
         if name not in SECTIONS:
             parser.error(f"no section {name!r}; there are {', '.join(SECTIONS)}")
+    if given.docs and (given.quick or names != list(SECTIONS)):
+        parser.error("--docs wants all sections, and not a quick run")
     cv2.setNumThreads(1)
     settings = Settings(given.quick, output_folder(given.out))
     others = Others()
@@ -40,8 +45,11 @@ def main() -> None:
     for name in names:
         print(f"measuring: {name}", file=sys.stderr, flush=True)
         sections.append(import_module(f"benchmarks.{name}").measure(settings))
-        write_atomically(settings.out / FILE, compose(settings, sections, others))
-    print((settings.out / FILE).read_text(encoding="utf-8"))
+        measured = compose(settings, sections, others)
+        write_atomically(settings.out / FILE, f"# Benchmarks of edvo\n\n{measured}")
+    print(measured)
+    if given.docs:
+        document(settings.out, measured)
 
 
 def compose(settings: Settings, sections: list[Section], others: Others) -> str:
@@ -49,7 +57,7 @@ def compose(settings: Settings, sections: list[Section], others: Others) -> str:
     machine = describe() | {"other programs meanwhile": f"{others.share()} of the cores"}
     bounds = [bound.row() for section in sections for bound in section.bounds]
     parts = [
-        "# Measured",
+        "## Where and on what",
         table(["", ""], [[key, value] for key, value in machine.items()]),
         used(settings),
     ]
@@ -61,6 +69,16 @@ def compose(settings: Settings, sections: list[Section], others: Others) -> str:
     for section in sections:
         parts += [f"## {section.title}", section.body]
     return "\n\n".join(parts) + "\n"
+
+
+def document(out: Path, measured: str) -> None:
+    """Replace what the page in docs/ holds of an earlier run."""
+    images = output_folder(PAGE.parent / "images")
+    for plot in out.glob("*.png"):
+        measured = measured.replace(f"]({plot.name})", f"](images/{plot.name})")
+        write_atomically(images / plot.name, plot.read_bytes())
+    before, mark, _ = PAGE.read_text(encoding="utf-8").partition(MARK)
+    write_atomically(PAGE, f"{before.rstrip()}\n\n{mark or MARK}\n{measured}")
 
 
 def used(settings: Settings) -> str:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -9,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from benchmarks.frames import Recording, busiest
-from benchmarks.peers import edge_detector
+from benchmarks.peers import EdgeDetector
 from benchmarks.replay import Caught, catch, seconds, spread
 from benchmarks.section import Section, Settings, ms, table
 from benchmarks.speed import Call, interleave
@@ -45,7 +46,8 @@ def measure(settings: Settings) -> Section:
         "\n\n".join(
             [
                 f"Medians in milliseconds, preset `paper` but for what is varied, {recording.name} "
-                f"({len(recording.frames)} frames). Plot: `{PLOT}`.",
+                f"({len(recording.frames)} frames).",
+                f"![Milliseconds against samples, reference edges and pixels]({PLOT})",
                 "### Samples of the current frame (`sampling.count`)",
                 _table("samples", [f"{p.size:.0f}" for p in samples], samples),
                 "### Edges of the reference frame",
@@ -130,7 +132,7 @@ def against_resolution(recording: Recording, settings: Settings) -> list[Point]:
 
         def make(scaled: Recording = scaled, config: Config = config) -> dict[str, Call]:
             return {
-                "edge detector": lambda frame: edge_detector(frame.grey, config.edges),
+                "edge detector": EdgeDetector(scaled.camera, config.edges).detect,
                 "track": Odometry(scaled.camera, config).track,
             }
 
@@ -174,7 +176,7 @@ def _table(first: str, names: list[str], points: list[Point]) -> str:
     return table(header, rows)
 
 
-def plot(samples: list[Point], reference: list[Point], sizes: list[Point], path: object) -> None:
+def plot(samples: list[Point], reference: list[Point], sizes: list[Point], path: Path) -> None:
     """Draw the three tables beside each other, on logarithmic scales."""
     figure = Figure(figsize=(12, 4), layout="constrained")
     axes: list[Axes] = list(figure.subplots(1, 3))

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.frames import Recording
-from benchmarks.peers import OpenCvOdometry, edge_detector
+from benchmarks.peers import EdgeDetector, OpenCvOdometry
 from benchmarks.section import Bound, Section, Settings, ms, table
 from edvo.config import PRESETS, Config
 from edvo.frame import Frame
@@ -136,7 +136,7 @@ def _detector_and_track(recording: Recording, config: Config) -> Callable[[], di
     def make() -> dict[str, Call]:
         return {
             "track": Odometry(recording.camera, config).track,
-            "detector": lambda frame: edge_detector(frame.grey, config.edges),
+            "detector": EdgeDetector(recording.camera, config.edges).detect,
         }
 
     return make

@@ -1,6 +1,7 @@
 """The time of each stage, in the form of the paper's Table I."""
 
 from dataclasses import dataclass
+from functools import partial
 from statistics import mean, median
 
 import numpy as np
@@ -79,10 +80,10 @@ def column(
             edges=mean(stages["edges"] for stages in run.stages),
             sampling=mean(stages["sampling"] for stages in run.stages),
             build_tree=mean(
-                seconds(lambda c=c: EdgeIndex(c.reference.edges, "tree"), 3) for c in chosen
+                seconds(partial(EdgeIndex, c.reference.edges, "tree"), 3) for c in chosen
             ),
             build_grid=mean(
-                seconds(lambda c=c: c.registration.index(c.reference.edges), 3) for c in chosen
+                seconds(partial(c.registration.index, c.reference.edges), 3) for c in chosen
             ),
             match_tree=mean(sum(tree for tree, _ in times) for times in searches),
             match_grid=mean(sum(grid for _, grid in times) for times in searches),
@@ -101,7 +102,7 @@ def search(grid: EdgeIndex, tree: EdgeIndex, query: Query) -> tuple[float, float
     """Time one search of all queries by tree and by grid; they must agree on the cost."""
     given = query.pixels, query.gradients, query.criterion
     costs = [index.match(*given).costs for index in (tree, grid)]
-    by_tree, by_grid = (seconds(lambda i=i: i.match(*given), 1) for i in (tree, grid))
+    by_tree, by_grid = (seconds(partial(index.match, *given), 1) for index in (tree, grid))
     if not np.allclose(costs[0], costs[1], rtol=1e-5):
         raise RuntimeError("tree and grid found different matches")
     return by_tree, by_grid

@@ -4,15 +4,15 @@ Frames go back and forth, so that any number of rounds sees smooth motion. OpenC
 thread, as everything else does.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from itertools import cycle
-from typing import Any
 
 import cv2
 import pytest
+from pytest_benchmark.fixture import BenchmarkFixture
 
 from benchmarks.frames import DATA, REAL, Recording, available, recording
-from benchmarks.peers import OpenCvOdometry, edge_detector
+from benchmarks.peers import EdgeDetector, OpenCvOdometry
 from benchmarks.replay import catch
 from edvo.config import PRESETS, Config
 from edvo.edges import extract_edges
@@ -21,7 +21,6 @@ from edvo.odometry import Odometry
 from edvo.sampling import sample_edges
 
 COUNT = 40
-Benchmark = Callable[..., Any]
 PAPER = Config.preset("paper")
 
 
@@ -42,17 +41,18 @@ def _one_thread() -> Iterator[None]:
     cv2.setNumThreads(before)
 
 
-def test_edge_detector(benchmark: Benchmark, frames: Recording) -> None:
+def test_edge_detector(benchmark: BenchmarkFixture, frames: Recording) -> None:
     turn = cycle(frames.frames)
-    benchmark(lambda: edge_detector(next(turn).grey, PAPER.edges))
+    detector = EdgeDetector(frames.camera, PAPER.edges)
+    benchmark(lambda: detector.detect(next(turn)))
 
 
-def test_edges(benchmark: Benchmark, frames: Recording) -> None:
+def test_edges(benchmark: BenchmarkFixture, frames: Recording) -> None:
     turn = cycle(frames.frames)
     benchmark(lambda: extract_edges(next(turn).grey, PAPER.edges))
 
 
-def test_sampling(benchmark: Benchmark, frames: Recording) -> None:
+def test_sampling(benchmark: BenchmarkFixture, frames: Recording) -> None:
     turn = cycle([(extract_edges(frame.grey, PAPER.edges), frame) for frame in frames.frames])
 
     def draw() -> None:
@@ -63,18 +63,18 @@ def test_sampling(benchmark: Benchmark, frames: Recording) -> None:
 
 
 @pytest.mark.parametrize("method", ["grid", "tree"])
-def test_index(benchmark: Benchmark, frames: Recording, method: Method) -> None:
+def test_index(benchmark: BenchmarkFixture, frames: Recording, method: Method) -> None:
     edges = extract_edges(frames.frames[0].grey, PAPER.edges).describe(frames.camera)
     benchmark(lambda: EdgeIndex(edges, method))
 
 
-def test_registration(benchmark: Benchmark, frames: Recording) -> None:
+def test_registration(benchmark: BenchmarkFixture, frames: Recording) -> None:
     turn = cycle(catch(frames, PAPER, COUNT).registrations)
     benchmark(lambda: next(turn).align())
 
 
 @pytest.mark.parametrize("preset", PRESETS)
-def test_track(benchmark: Benchmark, frames: Recording, preset: str) -> None:
+def test_track(benchmark: BenchmarkFixture, frames: Recording, preset: str) -> None:
     turn = frames.endless()
     odometry = Odometry(frames.camera, Config.preset(preset))
     odometry.track(next(turn))
@@ -85,7 +85,7 @@ def test_track(benchmark: Benchmark, frames: Recording, preset: str) -> None:
     benchmark.pedantic(odometry.track, setup=frame, rounds=200, warmup_rounds=5)
 
 
-def test_opencv_odometry(benchmark: Benchmark, frames: Recording) -> None:
+def test_opencv_odometry(benchmark: BenchmarkFixture, frames: Recording) -> None:
     turn = frames.endless()
     odometry = OpenCvOdometry(frames.camera)
     odometry.track(next(turn))
