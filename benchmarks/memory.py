@@ -39,9 +39,10 @@ def measure(settings: Settings) -> Section:
         f"{seen['name']}: {SHOWN} frames in memory, shown back and forth {count} times; "
         f"{seen['lost']} lost, {seen['keyframes']} keyframes. Resident memory of the process:\n\n"
         + table(["frames tracked", "MB"], rows)
-        + f"\n\nFrom {count // 10} to {count} frames it grows by {late - early} kB, of which "
-        f"{kept:.0f} kB are the poses that `Odometry.trajectory` gives back "
-        f"({seen['pose_bytes']} bytes a frame)."
+        + f"\n\nFrom {count // 10} to {count} frames it grows by {late - early} kB. The poses of "
+        f"these frames, which `Odometry.trajectory` gives back, take {kept:.0f} kB, "
+        f"{seen['pose_bytes']} bytes a frame; a smaller growth than theirs means that memory freed "
+        "before was used again."
     )
     bound = Bound("memory grown beyond the trajectory", SLACK_KB, grown, " kB")
     return Section("Memory", body, [bound])
