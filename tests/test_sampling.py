@@ -128,7 +128,7 @@ def test_within_a_cell_each_edge_has_the_same_chance():
     hits = np.zeros(mask.size, int)
     draws = 2000
     for seed in range(draws):
-        hits[flat(draw(edges, depth, seed, count=6))] += 1
+        hits[flat(draw(edges, depth, seed, count=6, cell_px=80, per_cell=5))] += 1
     assert hits[300 * CAMERA.width + 300] == draws
     inside = hits[edges.index[:40]]
     p = 5 / 40
