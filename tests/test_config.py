@@ -1,0 +1,202 @@
+import pytest
+import yaml
+from pydantic import BaseModel, ValidationError
+
+from edvo.config import PRESETS, Config
+from edvo.errors import ConfigError, OutputError
+
+
+def fields(model=Config, path=()):
+    """Every leaf of the tree: its path and its field."""
+    for name, field in model.model_fields.items():
+        if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
+            yield from fields(field.annotation, (*path, name))
+        else:
+            yield (*path, name), field
+
+
+LEAVES = {".".join(path): field for path, field in fields()}
+
+
+@pytest.mark.parametrize("key", LEAVES)
+def test_every_parameter_says_what_it_is(key):
+    assert len(LEAVES[key].description or "") > 10
+
+
+@pytest.mark.parametrize("key", [key for key in LEAVES if not key.startswith("preset")])
+def test_every_parameter_takes_its_default_and_refuses_a_mapping(key):
+    value = LEAVES[key].get_default()
+    text = str(value).lower() if isinstance(value, bool) else value
+    config = Config().with_overrides([f"{key}={text}"])
+    assert config == Config()
+    with pytest.raises(ConfigError, match=key.replace(".", r"\.")):
+        Config().with_overrides([f"{key}={{a: 1}}"])
+
+
+# --------------------------------------------------------------------------------------- errors
+
+BAD = [
+    # assignment, what the message must hold
+    ("sampling.cuont=900", ["sampling.cuont", "cell_px", "count", "per_cell"]),
+    ("smapling.count=900", ["smapling.count", "sampling", "registration"]),
+    ("cuont=900", ["cuont", "seed"]),
+    ("sampling.count.x=900", ["sampling.count.x"]),
+    ("sampling.count=many", ["sampling.count", "many", "integer"]),
+    ("sampling.count=1.5", ["sampling.count", "1.5", "integer"]),
+    ("sampling.count=-1", ["sampling.count", "-1", "greater than or equal to 0"]),
+    ("sampling.count=", ["sampling.count", "None"]),
+    ("sampling=5", ["sampling", "5"]),
+    ("seed=-1", ["seed", "-1"]),
+    ("seed=2147483648", ["seed", "2147483648"]),
+    ("edges.extractor=prewitt", ["edges.extractor", "prewitt", "canny", "sobel", "dog"]),
+    ("edges.blur_px=4", ["edges.blur_px", "4", "odd"]),
+    ("edges.depth_window_px=0", ["edges.depth_window_px"]),
+    ("edges.low=0", ["edges.low", "greater than 0"]),
+    ("edges.low=.nan", ["edges.low", "nan"]),
+    ("edges.low=.inf", ["edges.low", "finite"]),
+    ("matching.max_angle_deg=181", ["matching.max_angle_deg", "181", "180"]),
+    ("matching.gamma=-0.1", ["matching.gamma", "-0.1"]),
+    ("registration.weight=l1", ["registration.weight", "l1", "tukey"]),
+    ("registration.damping_up=1", ["registration.damping_up", "greater than 1"]),
+    ("registration.damping_down=1", ["registration.damping_down", "less than 1"]),
+    ("registration.min_matches=5", ["registration.min_matches", "6"]),
+    ("status.min_inliers=1.1", ["status.min_inliers", "1.1"]),
+    ("preset_name=best", ["preset_name", "best", "default", "paper"]),
+    ("sampling.count", ["sampling.count", "KEY=VALUE"]),
+    ("=3", ["KEY=VALUE"]),
+    ("sampling.count=[1", ["sampling.count", "[1"]),
+]
+
+
+@pytest.mark.parametrize(("assignment", "parts"), BAD, ids=[bad[0] for bad in BAD])
+def test_a_bad_override_is_refused_in_one_line(assignment, parts):
+    with pytest.raises(ConfigError) as caught:
+        Config().with_overrides([assignment])
+    message = str(caught.value)
+    assert "\n" not in message
+    for part in parts:
+        assert part in message
+
+
+FILES = [
+    ("sampling:\n  cuont: 3\n", ["sampling.cuont", "count"]),
+    ("sampling:\n  count: lots\n", ["sampling.count", "lots"]),
+    ("sampling: [1, 2]\n", ["sampling"]),
+    ("- a\n- b\n", ["sampling:"]),
+    ("just words\n", ["just words"]),
+    ("sampling: {count: 3\n", ["no YAML"]),
+    (b"\xff\xfe\x00", ["no YAML"]),
+    ("preset_name: best\n", ["preset_name", "best"]),
+    ("preset_name: [1]\n", ["preset_name"]),
+    ("1: 2\n", ["1"]),
+]
+
+
+@pytest.mark.parametrize(("content", "parts"), FILES, ids=[str(c) for c, _ in FILES])
+def test_a_bad_file_is_refused_in_one_line_that_names_it(tmp_path, content, parts):
+    path = tmp_path / "mine.yaml"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(ConfigError) as caught:
+        Config.load(path)
+    message = str(caught.value)
+    assert "\n" not in message
+    for part in (str(path), *parts):
+        assert part in message
+
+
+def test_a_missing_file(tmp_path):
+    with pytest.raises(ConfigError, match=r"nowhere\.yaml: No such file"):
+        Config.load(tmp_path / "nowhere.yaml")
+    with pytest.raises(ConfigError, match="cannot read"):
+        Config.load(tmp_path)
+
+
+def test_a_preset_that_is_not():
+    with pytest.raises(ConfigError, match="no preset 'best'; there are default, paper"):
+        Config.preset("best")
+
+
+def test_nothing_changes_in_place():
+    config = Config()
+    with pytest.raises(ValidationError):
+        config.seed = 3
+    with pytest.raises(ValidationError):
+        config.sampling.count = 3
+
+
+# -------------------------------------------------------------------------------------- presets
+
+
+def test_the_presets():
+    assert Config() == Config.preset("default") == Config.from_dict({})
+    assert set(PRESETS) == {"default", "paper"}
+    for name in PRESETS:
+        assert Config.preset(name).preset_name == name
+
+
+def test_the_paper_preset_is_the_method_as_published():
+    config = Config.preset("paper")
+    assert config.edges.extractor == "canny"
+    assert config.sampling.count == 450
+    assert config.sampling.per_cell == 5
+    assert config.matching.criterion == "robust-then-normal"
+    assert config.matching.gamma == 0.7
+    assert config.registration.residual == "divergence"
+    assert config.registration.weight == "t"
+    assert config.registration.nu == 2.0
+
+
+# ------------------------------------------------------------------------------- overrides, files
+
+
+def test_overrides():
+    config = Config.preset("paper").with_overrides(
+        ["sampling.count=900", "matching.criterion=normal", " keyframes.rule =gap", "seed=7"]
+    )
+    assert config.sampling.count == 900
+    assert config.matching.criterion == "normal"
+    assert config.keyframes.rule == "gap"
+    assert config.seed == 7
+    assert config.preset_name == "paper"
+    assert config.registration == Config.preset("paper").registration
+
+
+def test_numbers_without_a_point_are_numbers():
+    """YAML 1.1 takes 1e-3 for text."""
+    config = Config().with_overrides(["registration.damping=1e-3"])
+    assert config.registration.damping == 1e-3
+
+
+def test_the_last_override_wins():
+    config = Config().with_overrides(["seed=1", "seed=2"])
+    assert config.seed == 2
+    assert Config().with_overrides([]) == Config()
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_yaml_there_and_back(tmp_path, preset):
+    config = Config.preset(preset).with_overrides(["seed=3", "edges.low=12.345678901234567"])
+    path = tmp_path / "config.yaml"
+    config.to_yaml(path)
+    assert Config.load(path) == config
+    assert Config.from_dict(config.to_dict()) == config
+    written = yaml.safe_load(path.read_text())
+    assert list(written) == list(Config.model_fields)
+    assert len([key for key in LEAVES if "." in key]) == sum(
+        len(section) for section in written.values() if isinstance(section, dict)
+    )
+
+
+def test_a_file_may_hold_little_or_nothing(tmp_path):
+    path = tmp_path / "config.yaml"
+    path.write_text("")
+    assert Config.load(path) == Config()
+    path.write_text("preset_name: paper\nsampling: {cell_px: 40}\n")
+    config = Config.load(path)
+    assert config == Config.preset("paper").with_overrides(["sampling.cell_px=40"])
+    assert config.sampling.count == 450
+
+
+def test_what_cannot_be_written(tmp_path):
+    with pytest.raises(OutputError, match="missing"):
+        Config().to_yaml(tmp_path / "missing" / "config.yaml")
