@@ -37,13 +37,13 @@ class EdgesConfig(Section):
     )
     low: Positive = Field(
         default=20.0,
-        description="Canny's lower threshold on |Sobel u| + |Sobel v|; low thresholds matter where "
+        description="Canny's lower threshold on ``|Sobel u| + |Sobel v|``; low thresholds matter where "
         "texture is missing: 20/40 against 50/100 is .0105 against .0180 m/s on plain panels",
     )
     high: Positive = Field(default=40.0, description="Canny's upper threshold, same unit")
     sobel_threshold: Positive = Field(
         default=120.0,
-        description="extractor sobel: an edge where |Sobel u| + |Sobel v| exceeds this",
+        description="extractor sobel: an edge where ``|Sobel u| + |Sobel v|`` exceeds this",
     )
     dog_sigma_px: Positive = Field(
         default=1.0,

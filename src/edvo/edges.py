@@ -167,14 +167,14 @@ def depth_at_edges(
 def canny(
     smooth: NDArray[np.uint8], du: NDArray[np.int16], dv: NDArray[np.int16], config: EdgesConfig
 ) -> NDArray[np.uint8]:
-    """Edge mask by Canny: non-maximum suppression and two thresholds on |du| + |dv|."""
+    """Edge mask by Canny: non-maximum suppression and two thresholds on ``|du| + |dv|``."""
     return np.asarray(cv2.Canny(du, dv, config.low, config.high), np.uint8)
 
 
 def sobel(
     smooth: NDArray[np.uint8], du: NDArray[np.int16], dv: NDArray[np.int16], config: EdgesConfig
 ) -> NDArray[np.uint8]:
-    """Edge mask by one threshold on |du| + |dv|: thick edges, that come and go with the light."""
+    """Edge mask by one threshold on ``|du| + |dv|``: thick edges, that come and go with the light."""
     strength = np.abs(du) + np.abs(dv)  # at most 8 x 255: no overflow
     return np.where(strength > config.sobel_threshold, np.uint8(255), np.uint8(0))
 

@@ -109,6 +109,8 @@ class Odometry:
         self.camera = camera
         self.config = config or Config()
         self._clock = clock or no_clock
+        if camera.is_distorted:
+            camera.undistortion_table()  # a fifth of a second that the first frame need not wait
         self._registration = Registration(
             camera,
             self.config.matching,
