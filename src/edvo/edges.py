@@ -174,7 +174,7 @@ def canny(
 def sobel(
     smooth: NDArray[np.uint8], du: NDArray[np.int16], dv: NDArray[np.int16], config: EdgesConfig
 ) -> NDArray[np.uint8]:
-    """Edge mask by one threshold on ``|du| + |dv|``: thick edges, that come and go with the light."""
+    """Edge mask by one threshold on ``|du| + |dv|``: thick edges that come and go."""
     strength = np.abs(du) + np.abs(dv)  # at most 8 x 255: no overflow
     return np.where(strength > config.sobel_threshold, np.uint8(255), np.uint8(0))
 
