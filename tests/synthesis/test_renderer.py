@@ -1,5 +1,6 @@
 """The renderer is right: depth, normals, textures, light, lens, motion."""
 
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -335,6 +336,38 @@ def test_shadows_hard_and_soft(kind: str) -> None:
         if size:
             assert np.abs(x[between]).max() < 0.55
             assert row[np.argmin(np.abs(x))] == pytest.approx(0.25, abs=0.06)
+
+
+@pytest.mark.parametrize("count", [200, 700])
+@pytest.mark.parametrize("kind", ["directional", "point"])
+def test_shadows_are_those_of_trying_everything(kind: str, count: int) -> None:
+    renderer = Renderer(crowded(count), CAMERA, samples=1)
+    pose = look_at(np.array([0.1, -3.0, 0.2]), np.array([0.0, 0.0, 0.0]))
+    lamp: Any = (
+        DirectionalLight((0.3, 0.8, -0.6), 1.0, 0.0, True)
+        if kind == "directional"
+        else PointLight((0.8, -2.5, 1.5), 5.0, 0.0, True)
+    )
+    lamps: Any = [(replace(lamp, shadows=shadows),) for shadows in (True, False)]
+    light, free = (replace(LightState(0.0), **{kind: x}) for x in lamps)
+    shaded = renderer.render(pose, light=light).colour[..., 0].ravel()
+    open_ = renderer.render(pose, light=free)
+    lit = np.flatnonzero((open_.colour[..., 0] > 1e-3).ravel())
+    choice = np.random.default_rng(1).choice(lit, 200, replace=False)
+    points = rays(CAMERA)[choice] * open_.depth.ravel()[choice, None].astype(float)
+    solids, seen = renderer.world.at(0.0), []
+    for p in points @ pose[:3, :3].T + pose[:3, 3]:
+        way = -np.array(lamp.direction) if kind == "directional" else np.array(lamp.position) - p
+        far = np.inf if kind == "directional" else 1.0
+        start = p + 1e-5 * way / np.linalg.norm(way)
+        hits = (
+            kernels._meet(solids.kind[i], solids.shape, i, *start, *way, far)
+            for i in range(len(solids.kind))
+        )
+        seen.append(not any(t > 0 for t in hits))
+    agree = (shaded[choice] > 0) == np.array(seen)
+    assert 3 < np.sum(seen) < 197
+    assert agree.mean() > 0.99  # a float32 depth puts a point or two across an edge
 
 
 def test_a_convex_thing_does_not_shade_its_lit_side() -> None:

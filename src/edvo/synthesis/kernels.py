@@ -19,7 +19,7 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 PATCH, TRIANGLE, CYLINDER = 0, 1, 2
 PLAIN, CHECKER, NOISE, TILES, BRICKS, BOOKS, WOOD, TEXT = range(8)
-LEAF = 2
+LEAF = 1
 STACK = 64
 BATCH = 256  # rays
 MOST = 64  # primitives tried one by one; above it each ray walks the tree
@@ -610,28 +610,48 @@ def _shaft(
                 low[c], high[c] = min(low[c], x), max(high[c], x)
     if not low[0] <= high[0]:
         return 0
-    far = 1.0 if lamp[n, 0] == 1.0 else np.inf
-    middle, half, inverse = np.empty(3), np.empty(3), np.empty(3)
+    # The box of the hits moves to a near lamp, whose radius it is grown by; towards a far lamp it
+    # widens as it goes.
+    near_lamp = lamp[n, 0] == 1.0
+    far, widening = (1.0, 0.0) if near_lamp else (np.inf, lamp[n, 5])
+    middle, half, way = np.empty(3), np.empty(3), np.empty(3)
     for c in range(3):
         middle[c], half[c] = 0.5 * (low[c] + high[c]), 0.5 * (high[c] - low[c]) + 1e-5
-        towards = lamp[n, 1 + c] - middle[c] if lamp[n, 0] == 1.0 else -lamp[n, 1 + c]
-        inverse[c] = _inverse(towards)
+        way[c] = -lamp[n, 1 + c]
+        if near_lamp:
+            half[c] += lamp[n, 5]
+            way[c] = -way[c] - middle[c]
+    # Where all hits lie on one flat thing, only what rises above it can stand in the way.
+    flat = batch.hit[0] if batch.hit[0] >= 0 and solids.kind[batch.hit[0]] != CYLINDER else -1
+    for r in range(1, count):
+        if batch.hit[r] != flat:
+            flat = -1
+            break
+    above = 1.0
+    if flat >= 0:
+        facing = 0.0
+        for c in range(3):
+            facing += solids.shape[flat, c] * way[c]
+        above = 1.0 if facing >= 0.0 else -1.0
     node, link, stack = solids.node, solids.link, batch.stack
     stack[0], top, found = 0, 1, 0
     while top > 0:
         top -= 1
         at = stack[top]
-        # The hits' box moves towards the lamp, and widens to the lamp's own size: it meets the
-        # node's box if its middle meets that box grown by as much.
-        reach = 0.0
-        for c in range(3):
-            reach += max(abs(node[at, c] - middle[c]), abs(node[at, 3 + c] - middle[c])) ** 2
-        grow = lamp[n, 5] * (1.0 if lamp[n, 0] == 1.0 else np.sqrt(reach))
+        if flat >= 0:
+            highest = -above * solids.shape[flat, 3]
+            for c in range(3):
+                x = above * solids.shape[flat, c]
+                highest += max(x * node[at, c], x * node[at, 3 + c])
+            if highest <= 1e-6:
+                continue
         near, leave = 0.0, far
         for c in range(3):
-            x = (node[at, c] - half[c] - grow - middle[c]) * inverse[c]
-            y = (node[at, 3 + c] + half[c] + grow - middle[c]) * inverse[c]
-            near, leave = max(near, min(x, y)), min(leave, max(x, y))
+            # low - half - widening t <= middle + way t <= high + half + widening t
+            x = (node[at, c] - half[c] - middle[c]) * _inverse(way[c] + widening)
+            near, leave = (max(near, x), leave) if way[c] + widening >= 0 else (near, min(leave, x))
+            x = (node[at, 3 + c] + half[c] - middle[c]) * _inverse(way[c] - widening)
+            near, leave = (near, min(leave, x)) if way[c] - widening >= 0 else (max(near, x), leave)
         if near > leave:
             continue
         first, many = link[at, 0], link[at, 1]
@@ -649,9 +669,12 @@ def _shaft(
 
 @compiled
 def _shadows(
-    solids: Solids, poses: F64, row: int, lamp: F64, n: int, batch: Batch, count: int
+    solids: Solids, poses: F64, row: int, lamp: F64, n: int, batch: Batch, count: int, square: int
 ) -> None:
-    """Find the share of a lamp that each hit sees: 16 points of its disc, if 4 disagree."""
+    """Find the share of a lamp that each hit sees: 16 points of its disc, if 4 disagree.
+
+    Where ``square`` rays share a pixel each looks at one point only: their mean is what counts.
+    """
     found = _shaft(solids, poses, row, lamp, n, batch, count)
     shape, between = solids.shape, batch.between
     size = lamp[n, 5]
@@ -691,7 +714,11 @@ def _shadows(
         bx, by, bz = ly * az - lz * ay, lz * ax - lx * az, lx * ay - ly * ax
         bx, by, bz = bx / length, by / length, bz / length
         seen, tried = 0, 0
-        for k in range(disc.shape[0]):
+        start, stop = 0, disc.shape[0]
+        if square > 1 and stop > 1:
+            start = (ray % square) * stop // square
+            stop = start + 1
+        for k in range(start, stop):
             c, s = disc[k, 0], disc[k, 1]
             x, y, z = lx + c * ax + s * bx, ly + c * ay + s * by, lz + c * az + s * bz
             dark = False
@@ -704,11 +731,13 @@ def _shadows(
                         continue
                     if _meet(solids.kind[other], shape, other, px, py, pz, x, y, z, far) > 0.0:
                         dark = True
+                        # What shades one point mostly shades the next: try it first.
+                        between[0], between[j] = between[j], between[0]
                         break
             tried += 1
             if not dark:
                 seen += 1
-            if k == 3 and (seen == 0 or seen == 4):
+            if tried == 4 and (seen == 0 or seen == 4):
                 break
         batch.visible[n, ray] = seen / tried
 
@@ -726,13 +755,14 @@ def _shade(
     lit: bool,
     batch: Batch,
     count: int,
+    square: int,
 ) -> None:
     """Write colour, albedo, normal and key of each ray of a batch."""
     s, g, out, lamp = solids.shape, solids.grain, batch.out, lamps.lamp
     if lit:
         for n in range(lamp.shape[0]):
             if lamp[n, 6] != 0.0:
-                _shadows(solids, poses, row, lamp, n, batch, count)
+                _shadows(solids, poses, row, lamp, n, batch, count, square)
     ox, oy, oz = poses[row, 0, 3], poses[row, 1, 3], poses[row, 2, 3]
     for ray in range(count):
         i = batch.hit[ray]
@@ -932,6 +962,7 @@ def trace_rows(
                 lit,
                 batch,
                 count,
+                1,
             )
             r = 0
             for y in range(top, bottom):
@@ -1048,6 +1079,7 @@ def smooth_rows(
                             True,
                             batch,
                             count,
+                            square,
                         )
                         for k in range(waiting):
                             for c in range(3):
