@@ -1,0 +1,526 @@
+import logging
+import threading
+from dataclasses import replace
+from itertools import pairwise
+
+import cv2
+import numpy as np
+import pytest
+
+from edvo import se3
+from edvo.clock import StageClock
+from edvo.config import PRESETS, Config
+from edvo.errors import FrameError
+from edvo.frame import Frame
+from edvo.odometry import Odometry, Status, TrackedFrame
+
+from . import problems
+
+CAMERA = problems.CAMERA
+PERIOD = 1 / 30
+
+
+def make(*overrides, preset="default", **options):
+    return Odometry(CAMERA, Config.preset(preset).with_overrides(overrides), **options)
+
+
+def track(frames, *overrides, **options):
+    odometry = make(*overrides, **options)
+    return odometry, [odometry.track(frame) for frame in frames]
+
+
+def poses_of(results):
+    return np.array([result.T_world_cam for result in results])
+
+
+def errors(results, truth):
+    """Greatest distance (m) and angle (deg) from the truth."""
+    pairs = zip(truth, results, strict=True)
+    return np.max([problems.error(T, result.T_world_cam) for T, result in pairs], axis=0)
+
+
+def at(frame, timestamp):
+    return Frame(timestamp, frame.grey, frame.depth)
+
+
+def blank(frame, timestamp=None):
+    grey = np.full_like(frame.grey, 90)
+    return Frame(frame.timestamp if timestamp is None else timestamp, grey, frame.depth)
+
+
+def without_depth_at_edges(frame):
+    depth = np.zeros_like(frame.depth)
+    depth[0, 0] = 1.0
+    return Frame(frame.timestamp, frame.grey, depth)
+
+
+def shuffled(frame, seed=0):
+    """Tiles of image and depth in another order: edges, but of no place seen before."""
+    rng = np.random.default_rng(seed)
+    order = rng.permutation(12 * 16)
+
+    def shuffle(image):
+        tiles = image.reshape(12, 20, 16, 20).swapaxes(1, 2).reshape(-1, 20, 20)[order]
+        tiles = tiles.reshape(12, 16, 20, 20).swapaxes(1, 2)
+        return np.ascontiguousarray(tiles.reshape(image.shape))
+
+    return Frame(frame.timestamp, shuffle(frame.grey), shuffle(frame.depth))
+
+
+@pytest.fixture(scope="module")
+def room():
+    """Thirty frames and their poses."""
+    return problems.sequence(30)
+
+
+def check_finite(results):
+    for result in results:
+        for T in (result.T_world_cam, result.T_key_cur):
+            assert np.isfinite(T).all()
+            assert np.linalg.norm(T[:3, 3]) < 3
+            np.testing.assert_allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-9)
+            np.testing.assert_array_equal(T[3], [0, 0, 0, 1])
+
+
+# ------------------------------------------------------------------------------------- tracking
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("seed", range(3))
+def test_a_known_path_is_followed(room, preset, seed):
+    frames, truth = room
+    _, results = track(frames, f"seed={seed}", preset=preset)
+    assert {result.status for result in results} == {Status.TRACKED}
+    distance, angle = errors(results, truth)
+    assert distance < 0.02
+    assert angle < 0.5
+    check_finite(results)
+    # a frame's own motion is far better than a guess of none
+    steps = [
+        problems.error(se3.inverse(a) @ b, se3.inverse(p.T_world_cam) @ q.T_world_cam)[0]
+        for (a, b), (p, q) in zip(pairwise(truth), pairwise(results), strict=True)
+    ]
+    assert np.median(steps) < 0.004
+
+
+def test_with_all_edges_it_is_better_still(room):
+    frames, truth = room
+    _, results = track(frames, "sampling.count=0")
+    distance, angle = errors(results, truth)
+    assert distance < 0.01
+    assert angle < 0.25
+
+
+@pytest.mark.parametrize("extractor", ["canny", "sobel", "dog"])
+@pytest.mark.parametrize("criterion", ["robust-then-normal", "robust", "normal"])
+def test_every_extractor_and_criterion_follows(room, extractor, criterion):
+    frames, truth = room
+    _, results = track(frames, f"edges.extractor={extractor}", f"matching.criterion={criterion}")
+    assert {result.status for result in results} <= {Status.TRACKED, Status.DEGRADED}
+    assert errors(results, truth)[0] < 0.05
+
+
+def test_what_a_frame_brings_back(room):
+    frames, _ = room
+    odometry, results = track(frames[:5])
+    first, second = results[:2]
+    assert isinstance(first, TrackedFrame)
+    assert first.is_keyframe
+    assert first.keyframe == -1
+    assert first.alignment is None
+    np.testing.assert_array_equal(first.T_world_cam, np.eye(4))
+    for k, (frame, result) in enumerate(zip(frames, results, strict=False)):
+        assert result.index == k
+        assert result.timestamp == frame.timestamp
+        assert result.status is Status.TRACKED
+        assert result.reason == ""
+        assert result.edges > 500
+        count = odometry.config.sampling.count
+        assert 0 < result.samples <= count
+    assert second.keyframe == 0
+    assert second.alignment.T_ref_cur.shape == (4, 4)
+    np.testing.assert_array_equal(second.alignment.T_ref_cur, second.T_key_cur)
+    assert len(second.alignment.matches) == second.samples
+
+
+def test_poses_and_keyframes_belong_together(room):
+    frames, _ = room
+    _, results = track(frames, "keyframes.rule=gap", "keyframes.gap_frames=7")
+    for result in results[1:]:
+        key = results[result.keyframe]
+        assert key.is_keyframe
+        T = key.T_world_cam @ result.T_key_cur
+        np.testing.assert_allclose(result.T_world_cam, T, atol=1e-12)
+
+
+def test_the_trajectory_holds_the_poses(room):
+    frames, _ = room
+    odometry, results = track(frames)
+    trajectory = odometry.trajectory
+    assert len(trajectory) == len(frames)
+    np.testing.assert_array_equal(trajectory.timestamps, [f.timestamp for f in frames])
+    np.testing.assert_array_equal(trajectory.poses, poses_of(results))
+    assert len(make().trajectory) == 0
+
+
+def test_results_do_not_change_afterwards(room):
+    frames, _ = room
+    odometry = make("keyframes.rule=gap", "keyframes.gap_frames=3")
+    results, copies = [], []
+    for frame in frames[:12]:
+        results.append(odometry.track(frame))
+        copies.append((results[-1].T_world_cam.copy(), results[-1].T_key_cur.copy()))
+    for result, (T_world, T_key) in zip(results, copies, strict=True):
+        np.testing.assert_array_equal(result.T_world_cam, T_world)
+        np.testing.assert_array_equal(result.T_key_cur, T_key)
+
+
+def test_frames_are_left_alone(room):
+    frames, _ = room
+    before = [(f.grey.tobytes(), f.depth.tobytes()) for f in frames[:4]]
+    track(frames[:4])
+    assert [(f.grey.tobytes(), f.depth.tobytes()) for f in frames[:4]] == before
+
+
+def test_stages_are_timed(room):
+    frames, _ = room
+    clock = StageClock()
+    odometry = make(clock=clock)
+    odometry.track(frames[0])
+    assert set(clock.take()) == {"edges", "sampling", "keyframe"}
+    odometry.track(frames[1])
+    assert {"edges", "sampling", "registration"} <= set(clock.take())
+
+
+# ------------------------------------------------------------------------------------ keyframes
+
+
+@pytest.mark.parametrize("gap", [1, 4, 10])
+def test_keyframes_by_gap(room, gap):
+    frames, truth = room
+    rules = ("keyframes.rule=gap", f"keyframes.gap_frames={gap}")
+    _, results = track(frames, *rules)
+    taken = [result.index for result in results if result.is_keyframe]
+    assert taken == list(range(0, len(frames), gap))
+    for result in results[1:]:
+        assert result.keyframe == (result.index - 1) // gap * gap
+    assert errors(results, truth)[0] < 0.05
+
+
+def test_keyframes_by_motion(room):
+    frames, _ = room
+    rules = ("keyframes.max_translation_m=0.05", "keyframes.min_overlap=0")
+    _, results = track(frames, "keyframes.rule=motion", *rules)
+    taken = [result.index for result in results if result.is_keyframe]
+    assert len(taken) > 2
+    for result in results[1:]:
+        far = np.linalg.norm(result.T_key_cur[:3, 3]) > 0.05
+        turned = se3.rotation_angle(result.T_key_cur) > np.radians(15)
+        assert result.is_keyframe == (far or turned)
+
+
+def test_a_still_camera_keeps_its_keyframe_and_its_place(room):
+    frames, _ = room
+    still = [at(frames[0], 10 + k * PERIOD) for k in range(10)]
+    _, results = track(still)
+    assert [result.is_keyframe for result in results] == [True] + [False] * 9
+    distance, angle = errors(results, [np.eye(4)] * 10)
+    assert distance < 1e-3
+    assert angle < 0.02
+
+
+# ---------------------------------------------------------------------------------- motion prior
+
+
+@pytest.mark.parametrize("prior", ["constant-velocity", "still"])
+def test_either_prior_follows(room, prior):
+    frames, truth = room
+    _, results = track(frames, f"motion.prior={prior}")
+    assert errors(results, truth)[0] < 0.02
+
+
+def test_constant_velocity_predicts_lost_frames(room):
+    frames, truth = room
+    for prior, ahead in (("constant-velocity", True), ("still", False)):
+        odometry, results = track(frames[:15], f"motion.prior={prior}")
+        lost = odometry.track(blank(frames[15]))
+        assert lost.status is Status.LOST
+        stayed = problems.error(results[-1].T_world_cam, lost.T_world_cam)[0]
+        off = problems.error(truth[15], lost.T_world_cam)[0]
+        moved = problems.error(truth[14], truth[15])[0]
+        if ahead:
+            assert stayed == pytest.approx(moved, rel=0.8)
+        assert off < 0.02
+
+
+def test_a_prediction_does_not_run_away(room):
+    frames, _ = room
+    odometry, results = track(frames[:15])
+    lost = odometry.skip(frames[14].timestamp + 1000.0, "gone")
+    assert problems.error(results[-1].T_world_cam, lost.T_world_cam)[0] < 0.2
+
+
+# ------------------------------------------------------------------------------------------ lost
+
+
+@pytest.mark.parametrize("spoil", [blank, without_depth_at_edges, shuffled])
+def test_lost_and_found_again(room, spoil, caplog, capsys):
+    frames, truth = room
+    odometry = make()
+    results = []
+    with caplog.at_level(logging.DEBUG, logger="edvo"):
+        for k, frame in enumerate(frames):
+            results.append(odometry.track(spoil(frame) if 10 <= k < 14 else frame))
+    lost = [result.index for result in results if result.status is Status.LOST]
+    assert lost == [10, 11, 12, 13]
+    for k in lost:
+        result = results[k]
+        assert result.reason
+        assert "\n" not in result.reason
+        assert not result.is_keyframe
+    check_finite(results)
+    assert errors(results[14:], truth[14:])[0] < 0.02
+    trajectory = odometry.trajectory
+    assert len(trajectory) == len(frames) - 4
+    kept = [f.timestamp for k, f in enumerate(frames) if k not in lost]
+    np.testing.assert_array_equal(trajectory.timestamps, kept)
+    # said once when it happens, and once when it is over
+    warnings = [r for r in caplog.records if r.levelno == logging.WARNING]
+    assert [r.getMessage() for r in warnings] == [f"frame 10 lost: {results[10].reason}"]
+    found = [r.getMessage() for r in caplog.records if r.levelno == logging.INFO]
+    assert found == ["frame 14: found again"]
+    assert all(record.name == "edvo.odometry" for record in caplog.records)
+    assert capsys.readouterr() == ("", "")
+
+
+def test_why_it_is_lost(room):
+    frames, _ = room
+    odometry, _ = track(frames[:3])
+    assert odometry.track(blank(frames[3])).reason.startswith("0 edges with depth; 30 needed")
+    result = odometry.track(without_depth_at_edges(frames[4]))
+    assert result.edges > 500
+    assert result.samples < 30
+    assert "edges with depth" in result.reason
+
+
+def test_an_implausible_jump_is_not_believed(room):
+    frames, _ = room
+    limits = ("motion.max_speed_m_s=0.05", "motion.max_turn_deg_s=500")
+    _, results = track([frames[0], at(frames[3], frames[1].timestamp)], *limits)
+    assert results[1].status is Status.LOST
+    assert results[1].reason.startswith("implausible jump: ")
+    assert "m/s" in results[1].reason
+    assert results[1].alignment is not None
+    _, results = track([frames[0], at(frames[3], frames[0].timestamp + 10)], *limits)
+    assert results[1].status is Status.TRACKED
+    limits = ("motion.max_speed_m_s=50", "motion.max_turn_deg_s=1")
+    _, results = track([frames[0], at(frames[3], frames[1].timestamp)], *limits)
+    assert results[1].status is Status.LOST
+
+
+def test_lost_by_too_few_that_fit(room):
+    frames, _ = room
+    _, results = track([frames[0], shuffled(frames[1])])
+    assert results[1].status is Status.LOST
+
+
+def test_degraded_is_in_the_trajectory(room):
+    frames, _ = room
+    odometry, results = track(frames[:6], "status.doubt_inliers=1.0", "status.inlier_px=0.5")
+    states = [result.status for result in results]
+    assert states[0] is Status.TRACKED
+    assert Status.DEGRADED in states
+    reasons = {result.reason for result in results if result.status is Status.DEGRADED}
+    assert all("of the samples fit" in reason for reason in reasons)
+    assert len(odometry.trajectory) == sum(s is not Status.LOST for s in states)
+    _, results = track(frames[:6], "registration.max_iterations=1", "registration.stop_px=1e-9")
+    assert results[1].status is Status.DEGRADED
+    assert results[1].reason == "iterations used up"
+
+
+def test_lost_from_the_start(room):
+    """The origin is where the first frame was that showed something."""
+    frames, truth = room
+    odometry = make()
+    for k in range(3):
+        result = odometry.track(blank(frames[0], 9 + k * PERIOD))
+        assert result.status is Status.LOST
+        assert result.keyframe == -1
+        np.testing.assert_array_equal(result.T_world_cam, np.eye(4))
+    results = [odometry.track(frame) for frame in frames]
+    assert results[0].index == 3
+    assert results[0].is_keyframe
+    assert results[1].keyframe == 3
+    assert errors(results, truth)[0] < 0.02
+
+
+def test_nothing_explodes(room):
+    """Good and bad frames in any order, at any time."""
+    frames, _ = room
+    rng = np.random.default_rng(0)
+    for preset in PRESETS:
+        odometry = make(preset=preset)
+        results = []
+        for k in range(60):
+            frame = frames[rng.integers(len(frames))]
+            spoil = (lambda f: f, blank, without_depth_at_edges, shuffled)[rng.integers(4)]
+            frame = spoil(at(frame, float(rng.uniform(0, 100))))
+            results.append(odometry.track(frame))
+            if k % 7 == 0:
+                results.append(odometry.skip(float(rng.uniform(0, 100)), "skipped"))
+        check_finite(results)
+        assert np.isfinite(odometry.trajectory.poses).all()
+
+
+# --------------------------------------------------------------------------- skip, reset, stamps
+
+
+def test_skip(room, caplog):
+    frames, truth = room
+    odometry, _ = track(frames[:10])
+    with caplog.at_level(logging.WARNING):
+        result = odometry.skip(frames[10].timestamp, "rgb/10.png is truncated")
+    assert result.status is Status.LOST
+    assert result.reason == "rgb/10.png is truncated"
+    assert result.index == 10
+    assert (result.edges, result.samples, result.alignment) == (0, 0, None)
+    assert problems.error(truth[10], result.T_world_cam)[0] < 0.02
+    assert caplog.messages == ["frame 10 lost: rgb/10.png is truncated"]
+    results = [odometry.track(frame) for frame in frames[11:]]
+    assert results[0].index == 11
+    assert errors(results, truth[11:])[0] < 0.02
+    assert len(odometry.trajectory) == len(frames) - 1
+
+
+def test_reset(room):
+    frames, _ = room
+    odometry, before = track(frames)
+    odometry.track(blank(frames[0]))
+    odometry.reset()
+    assert len(odometry.trajectory) == 0
+    again = [odometry.track(frame) for frame in frames]
+    assert poses_of(again).tobytes() == poses_of(before).tobytes()
+
+
+def test_reset_to_a_pose(room):
+    frames, truth = room
+    start = problems.motion(np.random.default_rng(0), 2.0, 100.0)
+    given = start.copy()
+    odometry = make()
+    odometry.reset(given)
+    given[:] = 0  # what is done with the array afterwards is no matter
+    results = [odometry.track(frame) for frame in frames[:10]]
+    np.testing.assert_allclose(results[0].T_world_cam, start, atol=1e-12)
+    _, plain = track(frames[:10])
+    np.testing.assert_allclose(poses_of(results), start @ poses_of(plain), atol=1e-9)
+    assert errors(results, start @ truth[:10])[0] < 0.02
+
+
+@pytest.mark.parametrize(
+    "stamps",
+    [
+        [5.0] * 12,
+        np.arange(12, 0, -1.0).tolist(),
+        [k // 2 * 2 * PERIOD for k in range(12)],
+        [0, 1, 0, 2, 1, 3, 2, 4, 3, 5, 4, 6],
+        [k * 1000.0 for k in range(12)],
+    ],
+    ids=["equal", "backwards", "twice", "to and fro", "rare"],
+)
+def test_stamps_that_make_no_sense(room, stamps):
+    frames, truth = room
+    _, results = track([at(f, t) for f, t in zip(frames, stamps, strict=False)])
+    assert {result.status for result in results} == {Status.TRACKED}
+    assert errors(results, truth[:12])[0] < 0.02
+    assert [result.timestamp for result in results] == stamps
+
+
+@pytest.mark.parametrize("shape", [(240, 319), (480, 640), (320, 240)])
+def test_a_frame_of_another_size(room, shape):
+    frames, truth = room
+    odometry, _ = track(frames[:3])
+    wrong = Frame(0.0, np.zeros(shape, np.uint8), np.ones(shape, np.float32))
+    with pytest.raises(FrameError) as caught:
+        odometry.track(wrong)
+    message = str(caught.value)
+    assert f"{shape[1]} x {shape[0]}" in message
+    assert "320 x 240" in message
+    assert "\n" not in message
+    # it is as if nothing had happened
+    result = odometry.track(frames[3])
+    assert result.index == 3
+    assert problems.error(truth[3], result.T_world_cam)[0] < 0.02
+
+
+# ---------------------------------------------------------------------------------- determinism
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_same_bits_whatever_the_threads_of_opencv(room, preset):
+    frames, _ = room
+    before = cv2.getNumThreads()
+    try:
+        runs = []
+        for threads in (1, 2, 0):
+            cv2.setNumThreads(threads)
+            _, results = track(frames, preset=preset)
+            runs.append((poses_of(results).tobytes(), [r.samples for r in results]))
+    finally:
+        cv2.setNumThreads(before)
+    assert runs[0] == runs[1] == runs[2]
+
+
+def test_seeds(room):
+    frames, _ = room
+    a, b, c = (poses_of(track(frames[:8], f"seed={seed}", preset="paper")[1]) for seed in (1, 1, 2))
+    assert a.tobytes() == b.tobytes()
+    assert a.tobytes() != c.tobytes()
+
+
+def test_instances_in_threads_do_not_meet(room):
+    frames, _ = room
+    orders = [frames, frames[::-1], frames[5:] + frames[:5]]
+    alone = [poses_of(track(order)[1]).tobytes() for order in orders]
+    together = [b""] * len(orders)
+
+    def run(i):
+        together[i] = poses_of(track(orders[i])[1]).tobytes()
+
+    threads = [threading.Thread(target=run, args=(i,)) for i in range(len(orders))]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert together == alone
+
+
+def test_instances_in_turn_do_not_meet(room):
+    frames, _ = room
+    _, alone = track(frames[:8])
+    one, other = make(), make("seed=5")
+    taken = []
+    for k in range(8):
+        taken.append(one.track(frames[k]))
+        other.track(frames[-1 - k])
+    assert poses_of(taken).tobytes() == poses_of(alone).tobytes()
+
+
+def test_a_lens_is_allowed_for(room):
+    """Frames as a lens bends them, tracked with the distorted camera."""
+    frames, truth = room
+    lens = replace(CAMERA, distortion=(0.15, -0.2, 0.002, -0.001, 0.0))
+    v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
+    ideal = lens.undistort(np.column_stack((u.ravel(), v.ravel())))
+    maps = ideal.astype(np.float32).reshape(*u.shape, 2)
+
+    def bend(frame):
+        grey = cv2.remap(frame.grey, maps, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        depth = cv2.remap(frame.depth, maps, None, cv2.INTER_NEAREST)
+        return Frame(frame.timestamp, grey, depth)
+
+    bent = [bend(frame) for frame in frames[::3]]
+    right, wrong = Odometry(lens), Odometry(CAMERA)
+    right = errors([right.track(frame) for frame in bent], truth[::3])
+    wrong = errors([wrong.track(frame) for frame in bent], truth[::3])
+    assert right[0] < 0.02
+    assert right[0] < wrong[0]
