@@ -112,7 +112,28 @@ class EdgeImage:
         )
 
 
-def extract_edges(grey: NDArray[np.uint8], config: EdgesConfig) -> EdgeImage:
+class EdgeBuffers:
+    """Memory that the images on the way to edges are written to, frame after frame.
+
+    Fresh arrays of this size come from the operating system page by page, which at times costs
+    more than the edges themselves.
+
+    Parameters
+    ----------
+    height, width : int
+        Size of the images in pixels.
+    """
+
+    def __init__(self, height: int, width: int) -> None:
+        self.smooth = np.empty((height, width), np.uint8)
+        self.du = np.empty((height, width), np.int16)
+        self.dv = np.empty((height, width), np.int16)
+        self.mask = np.empty((height, width), np.uint8)
+
+
+def extract_edges(
+    grey: NDArray[np.uint8], config: EdgesConfig, buffers: EdgeBuffers | None = None
+) -> EdgeImage:
     """Find the edge pixels of an image.
 
     Parameters
@@ -120,19 +141,25 @@ def extract_edges(grey: NDArray[np.uint8], config: EdgesConfig) -> EdgeImage:
     grey : ndarray of uint8, shape (H, W)
     config : EdgesConfig
         The extractor by name, and its thresholds.
+    buffers : EdgeBuffers, optional
+        Of the size of the image, to be used again for the next one, which then overwrites the
+        gradients of the result.
 
     Returns
     -------
     EdgeImage
     """
-    size = config.blur_px
-    smooth = np.asarray(cv2.GaussianBlur(grey, (size, size), 0), np.uint8) if size else grey
-    du = np.asarray(cv2.Sobel(smooth, cv2.CV_16S, 1, 0), np.int16)
-    dv = np.asarray(cv2.Sobel(smooth, cv2.CV_16S, 0, 1), np.int16)
-    mask = EXTRACTORS[config.extractor](smooth, du, dv, config)
-    index = np.empty(cv2.countNonZero(mask), np.int32)
-    kernels.collect_edges(mask, index)
-    return EdgeImage(index, du, dv)
+    buffers = buffers or EdgeBuffers(*grey.shape)
+    smooth = grey
+    if config.blur_px:
+        smooth = buffers.smooth
+        cv2.GaussianBlur(grey, (config.blur_px, config.blur_px), 0, dst=smooth)
+    # the two Sobel gradients in one pass, to the bit
+    cv2.spatialGradient(smooth, buffers.du, buffers.dv)
+    EXTRACTORS[config.extractor](smooth, config, buffers)
+    index = np.empty(cv2.countNonZero(buffers.mask), np.int32)
+    kernels.collect_edges(buffers.mask, index)
+    return EdgeImage(index, buffers.du, buffers.dv)
 
 
 def depth_at_edges(
@@ -164,24 +191,20 @@ def depth_at_edges(
     return result
 
 
-def canny(
-    smooth: NDArray[np.uint8], du: NDArray[np.int16], dv: NDArray[np.int16], config: EdgesConfig
-) -> NDArray[np.uint8]:
+def canny(smooth: NDArray[np.uint8], config: EdgesConfig, buffers: EdgeBuffers) -> None:
     """Edge mask by Canny: non-maximum suppression and two thresholds on ``|du| + |dv|``."""
-    return np.asarray(cv2.Canny(du, dv, config.low, config.high), np.uint8)
+    cv2.Canny(buffers.du, buffers.dv, config.low, config.high, edges=buffers.mask)
 
 
-def sobel(
-    smooth: NDArray[np.uint8], du: NDArray[np.int16], dv: NDArray[np.int16], config: EdgesConfig
-) -> NDArray[np.uint8]:
+def sobel(smooth: NDArray[np.uint8], config: EdgesConfig, buffers: EdgeBuffers) -> None:
     """Edge mask by one threshold on ``|du| + |dv|``: thick edges that come and go."""
-    strength = np.abs(du) + np.abs(dv)  # at most 8 x 255: no overflow
-    return np.where(strength > config.sobel_threshold, np.uint8(255), np.uint8(0))
+    strength = np.abs(buffers.du) + np.abs(buffers.dv)  # at most 8 x 255: no overflow
+    buffers.mask[:] = strength > config.sobel_threshold
 
 
 def difference_of_gaussians(
-    smooth: NDArray[np.uint8], du: NDArray[np.int16], dv: NDArray[np.int16], config: EdgesConfig
-) -> NDArray[np.uint8]:
+    smooth: NDArray[np.uint8], config: EdgesConfig, buffers: EdgeBuffers
+) -> None:
     """Edge mask by zero crossings of a difference of two Gaussians.
 
     A pixel is an edge where the difference changes its sign towards the right or the lower
@@ -191,23 +214,21 @@ def difference_of_gaussians(
     narrow = cv2.GaussianBlur(image, (0, 0), config.dog_sigma_px)
     wide = cv2.GaussianBlur(image, (0, 0), config.dog_sigma_px * DOG_RATIO)
     dog = narrow - wide
-    mask = np.zeros(dog.shape, np.uint8)
+    mask = buffers.mask
+    mask[:] = 0
     for here, there, near, far in (
         (dog[:, :-1], dog[:, 1:], mask[:, :-1], mask[:, 1:]),
         (dog[:-1], dog[1:], mask[:-1], mask[1:]),
     ):
         crossing = ((here > 0) != (there > 0)) & (np.abs(here - there) >= config.dog_contrast)
         first = np.abs(here) <= np.abs(there)
-        near[crossing & first] = 255
-        far[crossing & ~first] = 255
-    mask[(du == 0) & (dv == 0)] = 0  # without a gradient there is no direction to match
-    return mask
+        near[crossing & first] = 1
+        far[crossing & ~first] = 1
+    # without a gradient there is no direction to match
+    mask[(buffers.du == 0) & (buffers.dv == 0)] = 0
 
 
-Extractor = Callable[
-    [NDArray[np.uint8], NDArray[np.int16], NDArray[np.int16], EdgesConfig], NDArray[np.uint8]
-]
-EXTRACTORS: dict[str, Extractor] = {
+EXTRACTORS: dict[str, Callable[[NDArray[np.uint8], EdgesConfig, EdgeBuffers], None]] = {
     "canny": canny,
     "sobel": sobel,
     "dog": difference_of_gaussians,

@@ -12,7 +12,7 @@ from edvo import kernels, se3
 from edvo.camera import Camera
 from edvo.clock import Clock, StageClock, no_clock
 from edvo.config import Config
-from edvo.edges import EdgeImage, EdgePixels, extract_edges
+from edvo.edges import EdgeBuffers, EdgeImage, EdgePixels, extract_edges
 from edvo.errors import FrameError
 from edvo.frame import Frame
 from edvo.keyframes import Keyframe, is_due
@@ -111,6 +111,7 @@ class Odometry:
         self._clock = clock or no_clock
         if camera.is_distorted:
             camera.undistortion_table()  # a fifth of a second that the first frame need not wait
+        self._buffers = EdgeBuffers(camera.height, camera.width)
         self._registration = Registration(
             camera,
             self.config.matching,
@@ -166,7 +167,7 @@ class Odometry:
         self._check_size(frame)
         config, clock = self.config, self._clock
         with clock("edges"):
-            edges = extract_edges(frame.grey, config.edges)
+            edges = extract_edges(frame.grey, config.edges, self._buffers)
         with clock("sampling"):
             seed = config.seed * SEED_STRIDE + self._count
             samples = sample_edges(
