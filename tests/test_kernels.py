@@ -415,7 +415,7 @@ def test_warp_and_match(rng, criterion, residual):
 @pytest.mark.parametrize("start", range(3))
 def test_matches_kept_without_a_search_are_still_the_best(criterion, start):
     rng = np.random.default_rng(start)
-    problem = problems.segments_problem(start, problems.motion(rng), outliers=0.3)
+    problem = problems.segments_problem(start, problems.motion(rng), count=150, outliers=0.3)
     warp = Warp(problem, CRITERIA[criterion].compile())
     T = problem.T_ref_cur @ problems.motion(rng, 0.03, 2.0)
     # the step sizes of a registration and of a drifting one, to and fro, and a leap

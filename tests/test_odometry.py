@@ -318,6 +318,18 @@ def test_an_implausible_jump_is_not_believed(room):
     assert results[1].status is Status.LOST
 
 
+def test_found_again_back_at_the_keyframe(room):
+    """Matches must be near here: from where it was lost, registration would not find home."""
+    frames, truth = room
+    rules = ("matching.max_distance_px=4", "keyframes.rule=gap", "keyframes.gap_frames=1000")
+    odometry, results = track(frames, *rules)
+    assert {result.status for result in results} == {Status.TRACKED}
+    assert odometry.track(at(frames[0], 20.0)).status is Status.LOST
+    result = odometry.track(at(frames[0], 20.1))
+    assert result.status is Status.TRACKED
+    assert problems.error(truth[0], result.T_world_cam)[0] < 0.005
+
+
 def test_lost_by_too_few_that_fit(room):
     frames, _ = room
     _, results = track([frames[0], shuffled(frames[1])])
