@@ -61,7 +61,8 @@ BAD = [
     ("registration.damping_down=1", ["registration.damping_down", "less than 1"]),
     ("registration.min_matches=5", ["registration.min_matches", "6"]),
     ("status.min_inliers=1.1", ["status.min_inliers", "1.1"]),
-    ("preset_name=best", ["preset_name", "best", "default", "paper"]),
+    ("preset_name=paper", ["preset_name", "--preset"]),
+    ("sampling.count=yes", ["sampling.count", "true"]),
     ("sampling.count", ["sampling.count", "KEY=VALUE"]),
     ("=3", ["KEY=VALUE"]),
     ("sampling.count=[1", ["sampling.count", "[1"]),
@@ -79,6 +80,7 @@ def test_a_bad_override_is_refused_in_one_line(assignment, parts):
 
 
 FILES = [
+    ("preset_name: best\n", ["preset_name", "best", "default", "paper"]),
     ("sampling:\n  cuont: 3\n", ["sampling.cuont", "count"]),
     ("sampling:\n  count: lots\n", ["sampling.count", "lots"]),
     ("sampling: [1, 2]\n", ["sampling"]),

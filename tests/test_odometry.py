@@ -10,7 +10,7 @@ import pytest
 from edvo import se3
 from edvo.clock import StageClock
 from edvo.config import PRESETS, Config
-from edvo.errors import FrameError
+from edvo.errors import FrameError, TrajectoryError
 from edvo.frame import Frame
 from edvo.odometry import Odometry, Status, TrackedFrame
 
@@ -441,8 +441,9 @@ def test_reset_to_a_pose(room):
 )
 def test_stamps_that_make_no_sense(room, stamps):
     frames, truth = room
-    _, results = track([at(f, t) for f, t in zip(frames, stamps, strict=False)])
+    odometry, results = track([at(f, t) for f, t in zip(frames, stamps, strict=False)])
     assert {result.status for result in results} == {Status.TRACKED}
+    assert odometry.trajectory.timestamps.tolist() == sorted(set(stamps))
     assert errors(results, truth[:12])[0] < 0.02
     assert [result.timestamp for result in results] == stamps
 
@@ -536,3 +537,20 @@ def test_a_lens_is_allowed_for(room):
     wrong = errors([wrong.track(frame) for frame in bent], truth[::3])
     assert right[0] < 0.02
     assert right[0] < wrong[0]
+
+
+@pytest.mark.parametrize(
+    "pose",
+    [
+        np.zeros((4, 4)),
+        np.full((4, 4), np.nan),
+        np.eye(3),
+        2 * np.eye(4),
+        np.diag([1.0, 1.0, -1.0, 1.0]),
+        np.ones((4, 4)),
+    ],
+)
+def test_a_reset_to_what_is_no_rigid_motion_is_refused(pose):
+    odometry = Odometry(problems.VGA)
+    with pytest.raises(TrajectoryError, match="no rigid motion"):
+        odometry.reset(pose)

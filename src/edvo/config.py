@@ -25,6 +25,13 @@ class Section(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True)
 
+    @field_validator("*", mode="before")
+    @classmethod
+    def _no_truth_values(cls, value: object) -> object:
+        if isinstance(value, bool):  # YAML reads yes and on as such, and they would count as 1
+            raise ValueError("neither true nor false is a value here")
+        return value
+
 
 class EdgesConfig(Section):
     """Edge extraction, §III-A."""
@@ -282,7 +289,8 @@ class Config(Section):
             key = ".".join(str(part) for part in first["loc"])
             if first["type"] == "extra_forbidden":
                 raise ConfigError(f"{where}: unknown key {key!r}; {_known(key)}") from error
-            raise ConfigError(f"{where}: {key} = {first['input']!r}: {first['msg']}") from error
+            message = first["msg"].removeprefix("Value error, ")
+            raise ConfigError(f"{where}: {key} = {first['input']!r}: {message}") from error
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Config":
@@ -340,6 +348,8 @@ class Config(Section):
                 value = yaml.safe_load(text)
             except yaml.YAMLError as error:
                 raise ConfigError(f"{key}: cannot read the value {text!r}") from error
+            if key.strip() == "preset_name":
+                raise ConfigError("preset_name cannot be set: choose a preset (--preset) instead")
             node = values
             *parents, leaf = key.strip().split(".")
             for parent in parents:

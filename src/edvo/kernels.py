@@ -665,7 +665,7 @@ def mean_cost(
             total += robust_cost(square, solver.weight, solver.tuning)
     if samples > count:
         total += (samples - count) * robust_cost(limit * inverse, solver.weight, solver.tuning)
-    return total / samples
+    return total / samples if samples > 0 else 0.0
 
 
 @compiled
@@ -905,7 +905,7 @@ def best_start(
 ) -> int:
     """Which of several poses has the lowest cost over every ``stride``-th sample, at unit scale."""
     best, best_cost = 0, np.inf
-    if starts.shape[0] > 1:
+    if starts.shape[0] > 1 and points.shape[0] > 0:
         matches = new_matches(points.shape[0])
         residuals = np.empty(points.shape[0])
         taken = (points.shape[0] + stride - 1) // stride
@@ -1044,7 +1044,10 @@ def align(
                 if rejections > solver.max_rejections:
                     reason = STALLED
                     break
-        if reason in (TOO_FEW, SINGULAR) or iterations >= solver.max_iterations:
+        if reason in (TOO_FEW, SINGULAR):
+            break
+        if stage < last_stage and iterations >= solver.max_iterations:
+            reason = EXHAUSTED  # the stage that finishes has had no turn
             break
     orthonormalize(T)
     for i in range(n):

@@ -13,7 +13,7 @@ from edvo.camera import Camera
 from edvo.clock import Clock, StageClock, no_clock
 from edvo.config import Config
 from edvo.edges import EdgeBuffers, EdgeImage, EdgePixels, extract_edges
-from edvo.errors import FrameError
+from edvo.errors import FrameError, TrajectoryError
 from edvo.frame import Frame
 from edvo.keyframes import Keyframe, is_due
 from edvo.registration import Alignment, Registration
@@ -26,7 +26,8 @@ logger = logging.getLogger(__name__)
 
 SEED_STRIDE = 1_000_003  # frames that seeds keep apart
 LONGEST_PREDICTION_S = 0.2  # beyond it a constant velocity says nothing about a hand
-NOMINAL_PERIOD_S = 1 / 30  # stands in where stamps repeat or go back
+SHORTEST_PERIOD_S = 1e-3  # closer stamps are no more than a clock's jitter
+NOMINAL_PERIOD_S = 1 / 30  # stands in where stamps repeat, all but repeat, or go back
 
 
 class Status(enum.Enum):
@@ -128,8 +129,13 @@ class Odometry:
         ----------
         T_world_cam : ndarray of float64, shape (4, 4), optional
             Pose of the next frame; the origin where not given.
+
+        Raises
+        ------
+        TrajectoryError
+            If it is no rigid motion.
         """
-        start = np.eye(4) if T_world_cam is None else _rigid(T_world_cam)
+        start = np.eye(4) if T_world_cam is None else _checked(T_world_cam)
         self._keyframe: Keyframe | None = None
         self._T_world_last = start  # of the last frame that was not lost
         self._T_key_last = np.eye(4)
@@ -142,8 +148,12 @@ class Odometry:
 
     @property
     def trajectory(self) -> Trajectory:
-        """Poses of the frames tracked so far, without those that were lost."""
-        return Trajectory.from_poses(self._timestamps, self._poses)
+        """Poses of the frames tracked so far, by time, without those that were lost.
+
+        Of frames with the same stamp it holds the first.
+        """
+        times, first = np.unique(self._timestamps, return_index=True)
+        return Trajectory.from_poses(times.tolist(), [self._poses[i] for i in first])
 
     def track(self, frame: Frame) -> TrackedFrame:
         """Give the pose of the next frame.
@@ -306,7 +316,7 @@ class Odometry:
 
     def _period(self, timestamp: float) -> float:
         """Seconds since the last frame that was not lost; the usual where stamps make no sense."""
-        if self._last_time is None or not timestamp > self._last_time:
+        if self._last_time is None or timestamp - self._last_time < SHORTEST_PERIOD_S:
             return NOMINAL_PERIOD_S
         return timestamp - self._last_time
 
@@ -346,6 +356,20 @@ class Odometry:
 
 
 FAILURES = ("too few matches", "edges do not constrain the motion")
+
+
+def _checked(T: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Copy of a pose that came from outside, or an error."""
+    T = np.asarray(T, np.float64)
+    if T.shape == (4, 4) and np.isfinite(T).all():
+        R = T[:3, :3]
+        rigid = np.abs(R @ R.T - np.eye(3)).max() < 1e-3 and np.linalg.det(R) > 0
+        if rigid and (T[3] == (0, 0, 0, 1)).all():
+            return _rigid(T)
+    raise TrajectoryError(
+        f"T_world_cam is no rigid motion: {T.shape} {T.ravel().tolist()!s:.60}; give a 4 x 4 "
+        "matrix of a rotation and a translation"
+    )
 
 
 def _rigid(T: NDArray[np.float64]) -> NDArray[np.float64]:
