@@ -1,9 +1,12 @@
 """A command line to call, and a small recording to call it on."""
 
+import errno
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from unittest.mock import patch
 
 import cv2
 import numpy as np
@@ -103,3 +106,19 @@ def sequence(tmp_path: Path) -> Path:
 def whole_sequence(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A recording that no test may change."""
     return make_sequence(tmp_path_factory.mktemp("recordings") / "wall")
+
+
+@contextmanager
+def full_disk(files: int) -> Iterator[None]:
+    """Let the disk be full after so many files."""
+    replace, written = Path.replace, 0
+
+    def refuse(self: Path, target: Path) -> Path:
+        nonlocal written
+        written += 1
+        if written > files:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return replace(self, target)
+
+    with patch.object(Path, "replace", refuse):
+        yield

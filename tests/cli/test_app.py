@@ -12,11 +12,13 @@ from edvo.cli.terminal import table
 from .conftest import Command
 
 HEAVY = {"numpy", "cv2", "numba", "matplotlib", "scipy", "rich"}
-COMMANDS = ["run", "info", "evaluate", "demo", "warmup"]
+COMMANDS = ["run", "info", "evaluate", "demo", "synth", "relight", "warmup"]
 INSTALLED = Path(sys.executable).with_name("edvo")
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["run", "--help"]])
+@pytest.mark.parametrize(
+    "arguments", [["--help"], ["--version"], ["run", "--help"], ["relight", "--help"]]
+)
 def test_starts_without_heavy_imports(arguments: list[str]) -> None:
     code = (
         "import sys\nfrom edvo.cli import main\ntry:\n    main()\n"

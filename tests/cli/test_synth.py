@@ -8,6 +8,8 @@ import pytest
 
 from edvo.datasets import open_source
 
+from .conftest import full_disk
+
 SMALL = """width: 80
 height: 60
 fx: 67
@@ -62,7 +64,15 @@ def test_a_filled_folder_needs_force(edvo: Any, tmp_path: Path, camera: Path) ->
         (("office", "x", "--camera", "leica"), ("leica", "tum-fr1")),
         (("office", "x", "--trajectory", "flying"), ("flying", "handheld")),
         (("office", "x", "--speed", "-1"), ("speed", "-1")),
+        (("office", "x", "--speed", "0"), ("speed", "0")),
         (("office", "x", "--frames", "0"), ("frames",)),
+        (("office", "x", "--frames", "-5"), ("frames",)),
+        (("office", "x", "--frequency", "0"), ("frequency", "above 0")),
+        (("office", "x", "--frequency", "-2"), ("frequency", "above 0")),
+        (("office", "x", "--severity", "2"), ("severity",)),
+        (("office", "x", "--seed", "-1"), ("seed",)),
+        (("nowhere.yaml", "x"), ("nowhere.yaml",)),
+        (("office", "x", "--camera", "nowhere.yaml"), ("nowhere.yaml",)),
         ((), ("SCENE", "--list")),
     ],
 )
@@ -76,6 +86,52 @@ def test_what_is_wrong_is_said_in_a_line(
         assert word in result.err
     assert "Traceback" not in result.err
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("size", ["width: 0", "width: -80"])
+def test_a_camera_without_size(edvo: Any, tmp_path: Path, camera: Path, size: str) -> None:
+    camera.write_text(SMALL.replace("width: 80", size))
+    done = edvo("synth", "cabinet", tmp_path / "s", "--camera", camera)
+    assert done.status == 1
+    assert "small.yaml" in done.err
+    assert "width" in done.err
+    assert done.err.count("\n") == 1
+    assert not (tmp_path / "s").exists()
+
+
+def test_a_scene_of_no_size(edvo: Any, tmp_path: Path, camera: Path) -> None:
+    scene = tmp_path / "mine.yaml"
+    scene.write_text(
+        "materials: {grey: {albedo: [0.5, 0.5, 0.5]}}\n"
+        "shapes: [{shape: box, size: [1, 0, 1], material: grey}]\n"
+        "camera: {points: [[0, 3, 1], [1, 3, 1]], targets: [[0, 0, 1], [0, 0, 1]]}\n"
+    )
+    done = edvo("synth", scene, tmp_path / "s", "--camera", camera)
+    assert done.status == 1
+    assert "mine.yaml" in done.err
+    assert "shapes.0.box.size.1" in done.err
+    assert done.err.count("\n") == 1
+    assert not (tmp_path / "s").exists()
+
+
+@pytest.mark.parametrize("files", [0, 3, 7, 8, 9, 10])  # of 6 images, camera, notes and 3 lists
+def test_a_full_disk_leaves_nothing_that_looks_whole(
+    edvo: Any, tmp_path: Path, camera: Path, files: int
+) -> None:
+    target = tmp_path / "s"
+    options = ("synth", "notexture_far", target, "--frames", 3, "--camera", camera, "--force")
+    assert edvo(*options).status == 0
+    with full_disk(files):
+        done = edvo(*options)
+    assert done.status == 1
+    assert "No space left" in done.err
+    assert str(target) in done.err
+    assert done.err.count("\n") == 1
+    assert not (target / "rgb.txt").exists()
+    assert not list(target.rglob(".*"))
+    assert edvo("info", target).status == 1
+    assert edvo(*options).status == 0
+    assert edvo("info", target).status == 0
 
 
 def test_the_list_comes_with_thumbnails(edvo: Any, tmp_path: Path) -> None:

@@ -256,6 +256,61 @@ def synth(
 
 
 @app.command()
+def relight(
+    source: Annotated[
+        Path | None, typer.Argument(help="A folder in TUM layout.", metavar="SOURCE")
+    ] = None,
+    target: Annotated[Path | None, typer.Argument(help="Folder to write.", metavar="DIR")] = None,
+    model: Annotated[
+        str,
+        typer.Option(help="Model of light, or several joined by +; --list shows them."),
+    ] = "ambient+diffuse",
+    severity: Annotated[
+        float,
+        typer.Option(help="How hard the light changes: 0 leaves it as it is.", min=0.0, max=1.0),
+    ] = 0.5,
+    frequency: Annotated[
+        float | None, typer.Option(help="Of the light, Hz; the model's own by default.")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of jumps, paths and noise.", min=0)] = 0,
+    jump: Annotated[
+        list[float] | None,
+        typer.Option(
+            help="Instant of a sudden jump, seconds from the first image; may be repeated. "
+            "One every 1.5 s at random by default.",
+            metavar="SECONDS",
+        ),
+    ] = None,
+    camera: CameraFile = None,
+    force: Annotated[bool, typer.Option("--force", help="Write into a filled folder.")] = False,
+    list_: Annotated[bool, typer.Option("--list", help="Show the models of light.")] = False,
+) -> None:
+    """Write a recording once more under another light.
+
+    Colour images are lit anew; depth, lists and truth are copied byte by byte. The same options
+    and seed give the same bytes.
+    """
+    from edvo.cli import relight as body
+
+    if list_:
+        body.list_models()
+        return
+    if source is None or target is None:
+        raise typer.BadParameter("give SOURCE and DIR, or --list")
+    body.relight(
+        source,
+        target,
+        model=model,
+        severity=severity,
+        frequency=frequency,
+        seed=seed,
+        jumps=sorted(set(jump)) if jump else None,
+        camera=camera,
+        force=force,
+    )
+
+
+@app.command()
 def warmup() -> None:
     """Compile the tracker once, so that later runs start at once."""
     from edvo.cli.warmup import warmup as body

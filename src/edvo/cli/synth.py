@@ -4,10 +4,8 @@ import shlex
 from contextlib import ExitStack
 from pathlib import Path
 
-from edvo.camera import Camera
 from edvo.cli.terminal import Advance, progress, say
-from edvo.datasets.known_cameras import KNOWN_CAMERAS
-from edvo.errors import SceneError
+from edvo.datasets.known_cameras import find_camera
 from edvo.synthesis.contact_sheet import contact_sheet
 from edvo.synthesis.scene import load_scene, scene_names
 from edvo.synthesis.scene_lights import scene_light
@@ -56,7 +54,7 @@ def synth(
     recipe = make_recipe(
         data,
         frames=frames,
-        camera=_camera(camera),
+        camera=DEFAULT_CAMERA if camera is None else find_camera(camera),
         sensor=sensor,
         trajectory=trajectory,
         speed=speed,
@@ -97,14 +95,3 @@ def synth(
             progress=step,
         )
     say(f"{frames} frames of {data.name} in {folder}")
-
-
-def _camera(name: str | None) -> Camera:
-    """Find a camera by name or file."""
-    if name is None:
-        return DEFAULT_CAMERA
-    if name in KNOWN_CAMERAS:
-        return KNOWN_CAMERAS[name]
-    if Path(name).suffix.lower() in (".yaml", ".yml"):
-        return Camera.from_yaml(name)
-    raise SceneError(f"no camera {name!r}; there are {', '.join(KNOWN_CAMERAS)}, or a YAML file")

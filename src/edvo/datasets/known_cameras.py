@@ -9,7 +9,7 @@ import re
 from pathlib import Path
 
 from edvo.camera import Camera
-from edvo.errors import DatasetError
+from edvo.errors import CameraError, DatasetError
 
 CAMERA_FILE = "camera.yaml"
 
@@ -105,6 +105,32 @@ def recognise_camera(path: Path) -> tuple[Camera, str] | None:
     return None
 
 
+def find_camera(camera: str | os.PathLike[str]) -> Camera:
+    """Find a camera by its name or in a file.
+
+    Parameters
+    ----------
+    camera : path-like or str
+        A name of `KNOWN_CAMERAS`, or a camera file.
+
+    Returns
+    -------
+    Camera
+        The camera.
+
+    Raises
+    ------
+    CameraError
+        If there is no such camera, which lists those there are, or the file is wrong.
+    """
+    if isinstance(camera, str) and camera in KNOWN_CAMERAS:
+        return KNOWN_CAMERAS[camera]
+    path = Path(camera)
+    if path.suffix or path.exists():
+        return Camera.from_yaml(path)
+    raise CameraError(f"no camera '{camera}'; there are {', '.join(KNOWN_CAMERAS)}, or give a file")
+
+
 def choose_camera(
     folder: Path, camera: Camera | str | os.PathLike[str] | None = None
 ) -> tuple[Camera, str]:
@@ -128,16 +154,15 @@ def choose_camera(
     Raises
     ------
     CameraError
-        If a camera file is missing or wrong.
+        If there is no such camera or its file is wrong.
     DatasetError
         If nothing tells the camera.
     """
     if isinstance(camera, Camera):
         return camera, "given"
-    if isinstance(camera, str) and camera in KNOWN_CAMERAS:
-        return KNOWN_CAMERAS[camera], f"given by name ({camera})"
     if camera is not None:
-        return Camera.from_yaml(camera), f"given ({camera})"
+        by = "given by name" if camera in KNOWN_CAMERAS else "given"
+        return find_camera(camera), f"{by} ({camera})"
     beside = folder / CAMERA_FILE
     if beside.exists():
         return Camera.from_yaml(beside), f"{CAMERA_FILE} in the folder"

@@ -48,7 +48,21 @@ _USUAL_LOSS = 0.1
 
 
 @dataclass(frozen=True)
-class _Row:
+class Row:
+    """A row of a list of images.
+
+    Parameters
+    ----------
+    line : int
+        Where it stands in its file, from 1.
+    stamp : str
+        Its time as it is written.
+    time : float
+        The same as a number.
+    files : tuple of str
+        Names relative to the folder: one, or colour and depth.
+    """
+
     line: int
     stamp: str
     time: float
@@ -104,7 +118,7 @@ class TumSource:
         rows = self._read_lists()
         self.camera, self.camera_origin = choose_camera(path, camera)
         self.stamps = tuple(row.stamp for row in rows)
-        self._by_index = all(_is_index(stamp) for stamp in self.stamps)
+        self._by_index = all(is_index(stamp) for stamp in self.stamps)
         times = np.array([row.time for row in rows])
         if self._by_index:
             times = times / INDEX_RATE_HZ
@@ -178,21 +192,19 @@ class TumSource:
         described["warnings"] = list(self.warnings)
         return described
 
-    def _read_lists(self) -> list[_Row]:
+    def _read_lists(self) -> list[Row]:
         """Rows of a colour and a depth file, in order of time."""
         separate = [name for name in (COLOUR_LIST, DEPTH_LIST) if (self.path / name).is_file()]
         joint = next((name for name in PAIR_LISTS if (self.path / name).is_file()), None)
         if len(separate) == 2:
-            colour, depth = (
-                self._in_order(name, _read_list(self.path / name)) for name in separate
-            )
+            colour, depth = (self._in_order(name, read_list(self.path / name)) for name in separate)
             return self._associate(colour, depth)
         if joint is not None:
-            return self._in_order(joint, _read_pairs(self.path / joint))
+            return self._in_order(joint, read_pairs(self.path / joint))
         missing = DEPTH_LIST if COLOUR_LIST in separate else COLOUR_LIST
         raise DatasetError(f"{self.path}: {missing} is missing; give {TumFormat.layout}")
 
-    def _associate(self, colour: list[_Row], depth: list[_Row]) -> list[_Row]:
+    def _associate(self, colour: list[Row], depth: list[Row]) -> list[Row]:
         kept, partners = associate(
             np.array([row.time for row in colour]), np.array([row.time for row in depth])
         )
@@ -214,13 +226,13 @@ class TumSource:
             for i, j in zip(kept.tolist(), partners.tolist(), strict=True)
         ]
 
-    def _in_order(self, name: str, rows: list[_Row]) -> list[_Row]:
+    def _in_order(self, name: str, rows: list[Row]) -> list[Row]:
         back = [row for before, row in pairwise(rows) if row.time < before.time]
         if back:
             self._warnings.append(
                 f"{name}: {len(back)} rows go back in time (first: line {back[0].line}): sorted"
             )
-        kept: dict[float, _Row] = {}
+        kept: dict[float, Row] = {}
         again = [row for row in rows if kept.setdefault(row.time, row) is not row]
         if again:
             self._warnings.append(
@@ -237,7 +249,7 @@ class TumSource:
             truth = Trajectory.read(file)
         except TrajectoryError as error:
             return None, (f"ground truth not used: {error}",)
-        if self._by_index and all(_is_index(stamp) for stamp in truth.stamps):
+        if self._by_index and all(is_index(stamp) for stamp in truth.stamps):
             truth = Trajectory(truth.timestamps / INDEX_RATE_HZ, truth.poses, truth.stamps)
         first, last = truth.timestamps[[0, -1]]
         if first > self.timestamps[-1] or last < self.timestamps[0]:
@@ -248,25 +260,57 @@ class TumSource:
         return truth, ()
 
 
-def _read_list(file: Path) -> list[_Row]:
-    """Read rows of ``timestamp filename``."""
+def read_list(file: Path) -> list[Row]:
+    """Read a list of images, with rows of ``timestamp filename``.
+
+    Parameters
+    ----------
+    file : pathlib.Path
+        Such as ``rgb.txt``.
+
+    Returns
+    -------
+    list of Row
+        In the order of the file, each with one file name.
+
+    Raises
+    ------
+    DatasetError
+        If the file cannot be read, is empty or has a bad row; the message names the line.
+    """
     return [
-        _Row(line, stamp, _time(stamp, file, line), (name,))
+        Row(line, stamp, _time(stamp, file, line), (name,))
         for line, (stamp, name) in _fields(file, "timestamp filename")
     ]
 
 
-def _read_pairs(file: Path) -> list[_Row]:
-    """Read rows of ``timestamp filename timestamp filename``; the time is that of colour."""
+def read_pairs(file: Path) -> list[Row]:
+    """Read a list of pairs, with rows of ``timestamp filename timestamp filename``.
+
+    Parameters
+    ----------
+    file : pathlib.Path
+        Such as ``associations.txt``; colour or depth may come first.
+
+    Returns
+    -------
+    list of Row
+        In the order of the file, with the time of the colour image; its name, then the depth's.
+
+    Raises
+    ------
+    DatasetError
+        If the file cannot be read, is empty or has a bad row; the message names the line.
+    """
     rows = []
     for line, (stamp, name, other_stamp, other_name) in _fields(
         file, "timestamp filename timestamp filename"
     ):
         # ICL-NUIM writes depth first, TUM's tool whatever it is given: the folders tell.
         if name.lower().startswith("depth"):
-            rows.append(_Row(line, other_stamp, _time(other_stamp, file, line), (other_name, name)))
+            rows.append(Row(line, other_stamp, _time(other_stamp, file, line), (other_name, name)))
         else:
-            rows.append(_Row(line, stamp, _time(stamp, file, line), (name, other_name)))
+            rows.append(Row(line, stamp, _time(stamp, file, line), (name, other_name)))
     return rows
 
 
@@ -305,5 +349,17 @@ def _time(stamp: str, file: Path, line: int) -> float:
     return time
 
 
-def _is_index(stamp: str) -> bool:
+def is_index(stamp: str) -> bool:
+    """Say whether a stamp is a frame number rather than a time.
+
+    Parameters
+    ----------
+    stamp : str
+        As it is written.
+
+    Returns
+    -------
+    bool
+        True for whole numbers too small to be times since 1970.
+    """
     return stamp.isdecimal() and int(stamp) < _INDEX_LIMIT

@@ -120,8 +120,11 @@ def relight_folder(
     if Path(target).resolve() == source.resolve():
         raise OutputError(f"{target} is the source itself; choose another folder")
     target = output_folder(target, must_be_empty=True, force=force)
-    for name in _LISTS:
-        (target / name).unlink(missing_ok=True)
+    try:
+        for name in _LISTS:
+            (target / name).unlink(missing_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot replace {target / name}: {error.strerror or error}") from error
     for file in (*depth_files, *_beside(source)):
         _copy(source, target, file)
 
@@ -182,17 +185,17 @@ def _read_lists(source: Path) -> tuple[list[_Colour], list[str]]:
     """Find the colour images with their times from the first, and all depth images."""
     colour_list = source / tum.COLOUR_LIST
     if colour_list.is_file():
-        colours = tum._read_list(colour_list)
+        colours = tum.read_list(colour_list)
         depth_list = source / tum.DEPTH_LIST
-        depths = tum._read_list(depth_list) if depth_list.is_file() else []
+        depths = tum.read_list(depth_list) if depth_list.is_file() else []
     else:
         joint = next((source / n for n in tum.PAIR_LISTS if (source / n).is_file()), None)
         if joint is None:
             raise DatasetError(f"{source}: no {tum.COLOUR_LIST}; give {tum.TumFormat.layout}")
-        pairs = tum._read_pairs(joint)
+        pairs = tum.read_pairs(joint)
         colours = pairs
-        depths = [tum._Row(row.line, row.stamp, row.time, row.files[1:]) for row in pairs]
-    unit = 1 / tum.INDEX_RATE_HZ if all(tum._is_index(row.stamp) for row in colours) else 1.0
+        depths = [tum.Row(row.line, row.stamp, row.time, row.files[1:]) for row in pairs]
+    unit = 1 / tum.INDEX_RATE_HZ if all(tum.is_index(row.stamp) for row in colours) else 1.0
     times = np.array([row.time for row in colours]) * unit
     partner: list[str | None] = [None] * len(colours)
     if depths:
