@@ -44,10 +44,10 @@ def plane_depth(
 
 def test_a_good_frame_is_kept_as_it_is() -> None:
     frame = Frame(12.5, GREY, DEPTH)
-    for image, given in ((frame.grey, GREY), (frame.depth, DEPTH)):
-        assert np.shares_memory(image, given)
+    for image, source in ((frame.grey, GREY), (frame.depth, DEPTH)):
+        assert np.shares_memory(image, source)
         assert not image.flags.writeable  # or compiled code would be compiled once more
-        assert given.flags.writeable
+        assert source.flags.writeable
     assert frame.timestamp == 12.5
     with pytest.raises(FrozenInstanceError):
         frame.timestamp = 0.0  # type: ignore[misc]
