@@ -71,14 +71,15 @@ def compose(settings: Settings, sections: list[Section], others: Others) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def document(out: Path, measured: str) -> None:
-    """Replace what the page in docs/ holds of an earlier run."""
-    images = output_folder(PAGE.parent / "images")
+def document(out: Path, measured: str, *, page: Path = PAGE, mark: str = MARK) -> None:
+    """Replace what a page in docs/ holds of an earlier run, below its mark, with its pictures."""
+    images = output_folder(page.parent / "images")
     for plot in out.glob("*.png"):
-        measured = measured.replace(f"]({plot.name})", f"](images/{plot.name})")
-        write_atomically(images / plot.name, plot.read_bytes())
-    before, mark, _ = PAGE.read_text(encoding="utf-8").partition(MARK)
-    write_atomically(PAGE, f"{before.rstrip()}\n\n{mark or MARK}\n{measured}")
+        if f"]({plot.name})" in measured:
+            measured = measured.replace(f"]({plot.name})", f"](images/{plot.name})")
+            write_atomically(images / plot.name, plot.read_bytes())
+    before, _, _ = page.read_text(encoding="utf-8").partition(mark)
+    write_atomically(page, f"{before.rstrip()}\n\n{mark}\n{measured}")
 
 
 def used(settings: Settings) -> str:
