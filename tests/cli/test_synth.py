@@ -139,4 +139,4 @@ def test_the_list_comes_with_thumbnails(edvo: Any, tmp_path: Path) -> None:
     assert result.status == 0, result.err
     for name in ("notexture_far", "office", "white_wall"):
         assert name in result.out
-    assert cv2.imread(str(tmp_path / "sheet.png")).shape[1] == 1280
+    assert cv2.imread(str(tmp_path / "sheet.png")).shape[1] == 1080

@@ -6,12 +6,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from edvo.camera import Camera
 from edvo.errors import OutputError
 from edvo.files import write_atomically
-from edvo.synthesis.sequence import SyntheticSource, make_recipe
+from edvo.synthesis.sequence import DEFAULT_CAMERA, SyntheticSource, make_recipe
 
-_WIDTH, _HEIGHT, _LABEL, _ACROSS = 320, 240, 28, 4
+_WIDTH, _HEIGHT, _LABEL, _ACROSS = 216, 162, 24, 5
 
 
 def contact_sheet(
@@ -37,25 +36,25 @@ def contact_sheet(
     """
     down = -(-len(scenes) // _ACROSS)
     sheet = np.full((down * (_HEIGHT + _LABEL), _ACROSS * _WIDTH, 3), 255, np.uint8)
-    eye = Camera(_WIDTH, _HEIGHT, 267.7, 269.6, 159.8, 123.6)
+    eye = DEFAULT_CAMERA.scaled(_WIDTH / DEFAULT_CAMERA.width)
     for k, scene in enumerate(scenes):
         row, column = divmod(k, _ACROSS)
         top, left = row * (_HEIGHT + _LABEL), column * _WIDTH
-        source = SyntheticSource(make_recipe(scene, frames=46, camera=eye))
+        source = SyntheticSource(make_recipe(scene, frames=46, camera=eye, noise=False))
         sheet[top : top + _HEIGHT, left : left + _WIDTH] = source.colour(45)[:, :, ::-1]
         cv2.putText(
             sheet,
             source.name,
-            (left + 8, top + _HEIGHT + 20),
+            (left + 8, top + _HEIGHT + 17),
             cv2.FONT_HERSHEY_SIMPLEX,
-            0.6,
+            0.5,
             (0, 0, 0),
             1,
             cv2.LINE_AA,
         )
         if advance is not None:
             advance()
-    done, data = cv2.imencode(".png", sheet)
+    done, data = cv2.imencode(".png", sheet, [cv2.IMWRITE_PNG_COMPRESSION, 9])
     if not done:
         raise OutputError(f"cannot encode {path}; give a name that ends in .png")
     write_atomically(path, data.tobytes())
