@@ -46,6 +46,12 @@ def compiled(function: _Function) -> _Function:
     return kernel
 
 
+@compiled
+def _whole(i: int) -> int:
+    """Make an int64 of an int32 or a literal, for each of which a callee is compiled once more."""
+    return np.int64(i)  # type: ignore[return-value]
+
+
 class Solids(NamedTuple):
     """Everything that can be hit, as arrays over P primitives and M nodes of the tree.
 
@@ -263,7 +269,7 @@ def _texture(
     if kind == CHECKER:
         return 0.5 - 0.5 * _wave(x, wx) * _wave(y, wy)
     if kind == NOISE:
-        return _cloud(x, y, wx, wy, octaves, seed)
+        return _cloud(x, y, wx, wy, _whole(octaves), seed)
     if kind == TILES:
         return _tiles(x, y, wx, wy, octaves, seed)
     if kind == BRICKS:
@@ -272,7 +278,7 @@ def _texture(
         joint_x = _pulse(x + shift, wx, joint / size_u)
         return 1.0 - (1.0 - joint_x) * (1.0 - joint_y)
     if kind == WOOD:
-        bend = _cloud(0.1 * x, 0.25 * y, 0.1 * wx, 0.25 * wy, 2, seed)
+        bend = _cloud(0.1 * x, 0.25 * y, 0.1 * wx, 0.25 * wy, _whole(2), seed)
         # The bend makes rings up to twice as narrow.
         keep = min(max(0.4 / wy - 0.6, 0.0), 1.0)
         ring: float = 0.5 + 0.5 * keep * np.sin(6.283185307179586 * (y + 3.0 * bend))
@@ -392,13 +398,13 @@ def _nearest(
         if t > 0.0:
             best, hit = t, guess
     ix, iy, iz = _inverse(dx), _inverse(dy), _inverse(dz)
-    top = 0
-    if _enter(solids.node, 0, ox, oy, oz, ix, iy, iz, best) < np.inf:
-        stack[0], top = 0, 1
+    top, root = 0, _whole(0)
+    if _enter(solids.node, root, ox, oy, oz, ix, iy, iz, best) < np.inf:
+        stack[0], top = root, 1
     while top > 0:
         top -= 1
         at = stack[top]
-        first, count = solids.link[at, 0], solids.link[at, 1]
+        first, count = _whole(solids.link[at, 0]), solids.link[at, 1]
         if count == 0:
             left = _enter(solids.node, first, ox, oy, oz, ix, iy, iz, best)
             right = _enter(solids.node, first + 1, ox, oy, oz, ix, iy, iz, best)
@@ -411,7 +417,7 @@ def _nearest(
                 top += 1
             continue
         for k in range(first, first + count):
-            i = solids.order[k]
+            i = _whole(solids.order[k])
             t = _meet(solids.kind[i], solids.shape, i, ox, oy, oz, dx, dy, dz, best)
             # Of two at the same depth the first in the file wins, whatever the guess was.
             if t > 0.0 and (t < best or i < hit):
@@ -436,7 +442,7 @@ def _blocked(
     stack[0], top = 0, 1
     while top > 0:
         top -= 1
-        at = stack[top]
+        at = _whole(stack[top])
         if _enter(solids.node, at, ox, oy, oz, ix, iy, iz, far) == np.inf:
             continue
         first, count = solids.link[at, 0], solids.link[at, 1]
@@ -445,7 +451,7 @@ def _blocked(
             top += 2
             continue
         for k in range(first, first + count):
-            i = solids.order[k]
+            i = _whole(solids.order[k])
             if _meet(solids.kind[i], solids.shape, i, ox, oy, oz, dx, dy, dz, far) > 0.0:
                 return True
     return False
@@ -553,7 +559,7 @@ def _hit(solids: Solids, poses: F64, row: int, seen: int, batch: Batch, count: i
     for r in range(count):
         best[r], hit[r] = np.inf, -1
     if seen < 0:
-        guess = -1
+        guess = _whole(-1)
         for r in range(count):
             best[r], guess = _nearest(
                 solids,
@@ -569,7 +575,7 @@ def _hit(solids: Solids, poses: F64, row: int, seen: int, batch: Batch, count: i
             hit[r] = guess
         return
     for k in range(seen):
-        i = batch.seen[k]
+        i = _whole(batch.seen[k])
         if solids.kind[i] == CYLINDER:
             for r in range(count):
                 t = _cylinder(
@@ -726,7 +732,7 @@ def _shadows(
                 dark = _blocked(solids, px, py, pz, x, y, z, far, batch.stack)
             else:
                 for j in range(found):
-                    other = between[j]
+                    other = _whole(between[j])
                     if other == i and flat:
                         continue
                     if _meet(solids.kind[other], shape, other, px, py, pz, x, y, z, far) > 0.0:
@@ -944,7 +950,7 @@ def trace_rows(
             right = min(left + across, width)
             x0, x1, y0, y1 = _frustum(rays, pixel, top, bottom, left, right)
             seen = _gather(solids, poses, top, x0, x1, y0, y1, batch)
-            count = 0
+            count = _whole(0)
             for y in range(top, bottom):
                 for x in range(left, right):
                     batch.a[count], batch.b[count] = rays[y, x, 0], rays[y, x, 1]
@@ -962,7 +968,7 @@ def trace_rows(
                 lit,
                 batch,
                 count,
-                1,
+                _whole(1),
             )
             r = 0
             for y in range(top, bottom):
@@ -1076,7 +1082,7 @@ def smooth_rows(
                             pixel[0] / samples,
                             pixel[1] / samples,
                             background,
-                            True,
+                            samples > 0,
                             batch,
                             count,
                             square,
