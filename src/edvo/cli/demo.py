@@ -6,6 +6,8 @@ from pathlib import Path
 import cv2
 import typer
 
+from edvo.baselines.opencv import opencv_odometry
+from edvo.camera import Camera
 from edvo.cli import INTERRUPTED
 from edvo.cli.compiling import compile_now
 from edvo.cli.configuration import configure
@@ -13,59 +15,78 @@ from edvo.cli.interrupt import stop_on_interrupt
 from edvo.cli.scores import score_table, speed_line
 from edvo.cli.terminal import note, progress, say
 from edvo.clock import StageClock
-from edvo.config import Config
-from edvo.errors import EvaluationError
+from edvo.errors import EvaluationError, MissingExtraError
 from edvo.evaluation import evaluate
 from edvo.files import output_folder
 from edvo.odometry import Odometry
-from edvo.report.demo import SCENES, demo_source, picture_of, renderer_compiling_aside
+from edvo.report.animation import draw_film
+from edvo.report.demo import (
+    Watched,
+    demo_source,
+    film_of,
+    film_step,
+    picture_of,
+    renderer_compiling_aside,
+)
 from edvo.report.plots import draw_scenes
 from edvo.report.results import TRAJECTORY, write_results
-from edvo.report.tracking import Run, track_source
+from edvo.report.tracking import Tracker, track_together
 
+ANIMATION = "demo.webp"
 PICTURE = "demo.png"
 TRUTH = "groundtruth.txt"
+EDVO = "edvo"
 
 
-def demo(out: Path, *, seconds: float, preset: str | None, seed: int) -> None:
-    """Make sequences with known truth, track and draw them; see `edvo.cli.app.demo`."""
+def demo(out: Path, *, scene: str, seconds: float, preset: str | None, seed: int) -> None:
+    """Make a sequence with known truth, track and draw it; see `edvo.cli.app.demo`."""
     begin = time.perf_counter()
     config = configure(preset, None, [], seed)
+    source = demo_source(scene, seconds=seconds, seed=seed)
+    truth = source.ground_truth
+    if truth is None:
+        raise EvaluationError(f"{scene}: a made sequence must have truth")
     folder = output_folder(out)
     cv2.setNumThreads(1)
     with renderer_compiling_aside():
         compile_now(config)
-    scores, pictures = {}, []
-    for scene in SCENES:
-        run = _track(scene, config, seconds=seconds, seed=seed)
-        truth = run.source.ground_truth
-        if truth is None:
-            raise EvaluationError(f"{scene}: a made sequence must have truth")
-        errors = evaluate(truth, run.trajectory(), len(run.frames))
-        # The first one, the hard one, lies in the folder itself.
-        place = folder if scene == SCENES[0] else output_folder(folder / scene)
-        write_results(run, place, config, errors)
-        truth.write(place / TRUTH)
-        say(f"{scene}: {speed_line(run)}")
-        scores[scene] = errors
-        pictures.append(picture_of(run, truth, errors, config))
-    say()
-    say(score_table(scores))
-    title = f"edvo, preset {config.preset_name}: synthetic sequences under light that changes"
-    draw_scenes(folder / PICTURE, pictures, title=title)
-    say()
-    say(f"wrote {folder / PICTURE} and {folder / TRAJECTORY} ({time.perf_counter() - begin:.0f} s)")
-
-
-def _track(scene: str, config: Config, *, seconds: float, seed: int) -> Run:
-    source = demo_source(scene, seconds=seconds, seed=seed)
     clock = StageClock()
-    odometry = Odometry(source.camera, config, clock=clock)
-    with stop_on_interrupt() as stop, progress(scene, len(source)) as advance:
-        run = track_source(
-            source, odometry, clock=clock, on_frame=lambda record: advance(), stop=stop
+    edvo = Watched(Odometry(source.camera, config, clock=clock), film_step(len(source)))
+    trackers: dict[str, Tracker] = {EDVO: edvo, **_opencv(source.camera)}
+    clocks = [clock, *[None] * (len(trackers) - 1)]
+    with stop_on_interrupt() as stop, progress(source.name, len(source)) as advance:
+        tracked = track_together(
+            source, [*trackers.values()], clocks=clocks, on_frame=lambda _: advance(), stop=stop
         )
-    if run.interrupted:
-        note(f"interrupted; nothing is written of {scene}")
+    runs = dict(zip(trackers, tracked, strict=True))
+    if runs[EDVO].interrupted:
+        note("interrupted; nothing is written")
         raise typer.Exit(INTERRUPTED)
-    return run
+    scores = {
+        name: evaluate(truth, run.trajectory(), len(run.frames)) for name, run in runs.items()
+    }
+    say(f"{source.name}: {speed_line(runs[EDVO])}")
+    say()
+    say(score_table(scores, runs))
+    write_results(runs[EDVO], folder, config, scores[EDVO])
+    truth.write(folder / TRUTH)
+    for name, run in runs.items():
+        if name != EDVO:
+            run.trajectory().write(folder / f"{name}.txt")
+    title = f"edvo, preset {config.preset_name}: a synthetic sequence under light that changes"
+    picture = picture_of(runs[EDVO], edvo.sights, truth, scores[EDVO], config)
+    draw_scenes(folder / PICTURE, [picture], title=title)
+    draw_film(folder / ANIMATION, film_of(runs, scores, edvo.sights, truth, config))
+    say()
+    files = f"{folder / ANIMATION}, {PICTURE} and {TRAJECTORY}"
+    say(f"wrote {files} ({time.perf_counter() - begin:.0f} s)")
+
+
+def _opencv(camera: Camera) -> dict[str, Tracker]:
+    """Give OpenCV's odometry, if the OpenCV that is installed has it."""
+    try:
+        odometry = opencv_odometry(camera, "rgbd")
+    except MissingExtraError as error:
+        note(str(error))
+        return {}
+    return {odometry.name: odometry}

@@ -12,10 +12,14 @@ from edvo.report.tracking import Run
 _NONE = "-"
 
 
-def score_table(evaluations: Mapping[str, Evaluation]) -> str:
+def score_table(
+    evaluations: Mapping[str, Evaluation], runs: Mapping[str, Run] | None = None
+) -> str:
     """Lay out errors, a row an estimate, and below each the errors of standing still.
 
     The relative pose error is the benchmark script's; beside it stands that of Sturm's formula.
+    With the runs that gave the estimates, all on the same frames, the time that each took a frame
+    is another column, and one row of standing still serves for all.
     """
     some = next((e.rpe for e in evaluations.values() if e.rpe is not None), None)
     unit = "m/s" if some is None or some.delta == 1.0 else f"m/{some.delta:g}s"
@@ -29,7 +33,9 @@ def score_table(evaluations: Mapping[str, Evaluation]) -> str:
         "ATE rmse m",
         "coverage",
     ]
-    rows = []
+    if runs is not None:
+        header.append("ms a frame")
+    rows: list[list[str]] = []
     for name, evaluation in evaluations.items():
         rows.append(
             [
@@ -39,14 +45,13 @@ def score_table(evaluations: Mapping[str, Evaluation]) -> str:
                 _coverage(evaluation),
             ]
         )
-        rows.append(
-            [
-                "  zero motion",
-                *_relative(evaluation.rpe_zero_motion, None),
-                _absolute(evaluation.ate_zero_motion),
-                "",
-            ]
-        )
+        if runs is None:
+            rows.append(["  zero motion", *_standing_still(evaluation)])
+        else:
+            rows[-1].append(_track_ms(runs[name]))
+    if runs is not None:
+        first = next(iter(evaluations.values()))
+        rows.append(["zero motion", *_standing_still(first), ""])
     return table(header, rows)
 
 
@@ -57,6 +62,15 @@ def speed_line(run: Run) -> str:
         median = float(np.median(run.track_times))
         line += f", of which tracking {1e3 * median:.2f} ms a frame ({1 / median:.0f} frames/s)"
     return line
+
+
+def _standing_still(evaluation: Evaluation) -> list[str]:
+    relative = _relative(evaluation.rpe_zero_motion, None)
+    return [*relative, _absolute(evaluation.ate_zero_motion), ""]
+
+
+def _track_ms(run: Run) -> str:
+    return f"{1e3 * float(np.median(run.track_times)):.1f}" if run.track_times.size else _NONE
 
 
 def _relative(error: RelativePoseError | None, sturm: RelativePoseError | None) -> list[str]:

@@ -2,30 +2,38 @@
 
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 
+import numpy as np
+
+from edvo.camera import Camera
 from edvo.config import Config
 from edvo.datasets import Source
 from edvo.edges import extract_edges
-from edvo.errors import DatasetError
 from edvo.evaluation import Evaluation
-from edvo.report.plots import Scene
-from edvo.report.tracking import Run
+from edvo.frame import Frame
+from edvo.odometry import SEED_STRIDE, Odometry, Status, TrackedFrame
+from edvo.report.animation import DrawnPath, Film, Moment
+from edvo.report.plots import ESTIMATE_COLOUR, MOTION_COLOUR, Scene
+from edvo.report.tracking import FrameRecord, Run
 from edvo.report.warmup import cache_folder
+from edvo.sampling import sample_edges
 from edvo.synthesis.relighting import Relighter, RelitSource
 from edvo.synthesis.sequence import DEFAULT_CAMERA, SyntheticSource, make_recipe
 from edvo.trajectory import Trajectory
 
-SCENES = ("notexture_far", "texture_far")
-"""Without texture and with it; the first is the hard one."""
+SCENE = "notexture_far"
+"""Shown where no other is asked for: plain panels, which little but edges tells apart."""
 
 FRAME_RATE_HZ = 30.0
 FLICKER_HZ = 2.0
 
-# Small images that show how the light changes: 11 frames apart, which is no multiple of its period.
+_MOST_MOMENTS = 90
+# Small images that show how the light changes, apart by no multiple of its period.
 _VIEWS = 5
-_VIEW_STEP = 11
+_VIEW_STEP = 6
 
 
 def demo_source(scene: str, *, seconds: float, seed: int = 0) -> Source:
@@ -60,7 +68,7 @@ def demo_source(scene: str, *, seconds: float, seed: int = 0) -> Source:
 def render_one() -> None:
     """Render a small frame, which compiles the renderer."""
     small = DEFAULT_CAMERA.scaled(0.1)
-    SyntheticSource(make_recipe(SCENES[0], frames=1, camera=small)).read(0)
+    SyntheticSource(make_recipe(SCENE, frames=1, camera=small)).read(0)
 
 
 @contextmanager
@@ -84,13 +92,173 @@ def renderer_compiling_aside() -> Iterator[None]:
             raise
 
 
-def picture_of(run: Run, truth: Trajectory, evaluation: Evaluation, config: Config) -> Scene:
-    """Choose what to draw of a tracked sequence: its middle frame with edges, path and errors.
+@dataclass(frozen=True, slots=True)
+class Sight:
+    """A frame kept to be drawn.
+
+    Attributes
+    ----------
+    frame : Frame
+    result : TrackedFrame
+    keyframe : Frame or None
+        What it was registered with.
+    """
+
+    frame: Frame
+    result: TrackedFrame
+    keyframe: Frame | None
+
+
+class Watched:
+    """Hands frames on to edvo, and keeps some of them with what became of them.
+
+    Parameters
+    ----------
+    odometry : Odometry
+        What tracks.
+    step : int
+        Every so many frames one is kept.
+    """
+
+    def __init__(self, odometry: Odometry, step: int) -> None:
+        self.sights: list[Sight] = []
+        self._odometry = odometry
+        self._step = step
+        self._keyframe: Frame | None = None
+
+    def track(self, frame: Frame) -> TrackedFrame:
+        """Give the pose of a frame."""
+        result = self._odometry.track(frame)
+        if result.index % self._step == 0:
+            self.sights.append(Sight(frame, result, self._keyframe))
+        if result.is_keyframe:
+            self._keyframe = frame
+        return result
+
+    def skip(self, timestamp: float, reason: str) -> TrackedFrame:
+        """Take note of a frame that could not be read."""
+        return self._odometry.skip(timestamp, reason)
+
+
+def film_step(frames: int) -> int:
+    """Choose every how many frames one is drawn: 15 a second, fewer of a long sequence."""
+    return max(2, -(-frames // _MOST_MOMENTS))
+
+
+def film_of(
+    runs: Mapping[str, Run],
+    evaluations: Mapping[str, Evaluation],
+    sights: Sequence[Sight],
+    truth: Trajectory,
+    config: Config,
+) -> Film:
+    """Put together an animation of a demo.
+
+    Parameters
+    ----------
+    runs : mapping of str to Run
+        Of each tracker, edvo first, over the same frames.
+    evaluations : mapping of str to Evaluation
+        Their errors.
+    sights : sequence of Sight
+        What was kept of edvo's run; at least one.
+    truth : Trajectory
+        True poses.
+    config : Config
+        Of edvo.
+
+    Returns
+    -------
+    Film
+        For `edvo.report.animation.draw_film`.
+    """
+    first = next(iter(runs.values()))
+    colours = (ESTIMATE_COLOUR, MOTION_COLOUR)
+    paths = [
+        DrawnPath(
+            label=_label(name, evaluations[name]),
+            colour=colour,
+            T_world_cam=np.array([record.T_world_cam for record in run.frames]),
+            lost=np.array([record.status is Status.LOST for record in run.frames]),
+        )
+        for colour, (name, run) in zip(colours, runs.items(), strict=False)
+    ]
+    return Film(
+        title=f"edvo demo: {first.source.name}, light that flickers at {FLICKER_HZ:g} Hz and jumps",
+        timestamps=np.array([record.timestamp for record in first.frames]),
+        truth=truth,
+        paths=paths,
+        moments=[_moment(sight, runs, first.source.camera, config) for sight in sights],
+        moment_s=min(film_step(len(first.frames)) / FRAME_RATE_HZ, 0.1),
+    )
+
+
+def _moment(sight: Sight, runs: Mapping[str, Run], camera: Camera, config: Config) -> Moment:
+    """Find again, in a frame that is drawn, the edges and samples that the tracker had."""
+    frame, result = sight.frame, sight.result
+    image = extract_edges(frame.grey, config.edges)
+    edges = image.describe(camera)
+    samples = references = np.empty((0, 2), np.float32)
+    residuals = np.empty(0)
+    if result.alignment is not None and sight.keyframe is not None:
+        seed = config.seed * SEED_STRIDE + result.index
+        drawn = sample_edges(image, frame.depth, camera, config.sampling, config.edges, seed).pixels
+        reference = extract_edges(sight.keyframe.grey, config.edges).describe(camera).pixels
+        matches = result.alignment.matches
+        matched = matches >= 0
+        samples, references = drawn[matched], reference[matches[matched]]
+        residuals = result.alignment.residuals[matched]
+    return Moment(
+        index=result.index,
+        grey=frame.grey,
+        pixels=edges.pixels,
+        gradients=edges.gradients,
+        samples=samples,
+        references=references,
+        residuals=residuals,
+        words=[_words(name, run.frames[result.index]) for name, run in runs.items()],
+    )
+
+
+def _words(name: str, record: FrameRecord) -> str:
+    found = record.registration
+    lines = [f"{name}: {record.status.value}"]
+    if record.track_s is not None:
+        lines[0] += f", {1e3 * record.track_s:.1f} ms"
+    if record.is_keyframe:
+        lines.append("new keyframe")
+    elif record.status is Status.LOST:
+        lines.append(record.reason)
+    elif found is not None:
+        lines.append(
+            f"{found.inliers} of {record.samples} samples fit, sigma {found.sigma_px:.2f} px"
+        )
+    else:
+        lines.append(f"keyframe {record.keyframe}")
+    return "\n".join(lines)
+
+
+def _label(name: str, evaluation: Evaluation) -> str:
+    if evaluation.rpe is None:
+        return name
+    return f"{name}: RPE {evaluation.rpe.rmse:.4f} m/s"
+
+
+def picture_of(
+    run: Run,
+    sights: Sequence[Sight],
+    truth: Trajectory,
+    evaluation: Evaluation,
+    config: Config,
+) -> Scene:
+    """Choose what to draw of a tracked sequence: a frame from its middle, path and errors.
 
     Parameters
     ----------
     run : Run
-        The sequence; its source is read once more.
+        The sequence.
+    sights : sequence of Sight
+        What was kept of it; at least one.
     truth : Trajectory
         True poses.
     evaluation : Evaluation
@@ -102,22 +270,13 @@ def picture_of(run: Run, truth: Trajectory, evaluation: Evaluation, config: Conf
     -------
     Scene
         For `edvo.report.plots.draw_scenes`.
-
-    Raises
-    ------
-    DatasetError
-        If that frame cannot be read.
     """
-    source = run.source
-    reading = source.read(len(source) // 2)
-    if reading.frame is None:
-        raise DatasetError(f"nothing to draw: {reading.problem}")
-    others = [source.read(index).frame for index in range(0, len(source), _VIEW_STEP)[:_VIEWS]]
-    edges = extract_edges(reading.frame.grey, config.edges).describe(source.camera)
+    grey = sights[len(sights) // 2].frame.grey
+    edges = extract_edges(grey, config.edges).describe(run.source.camera)
     return Scene(
-        title=source.name,
-        grey=reading.frame.grey,
-        others=[frame.grey for frame in others if frame is not None],
+        title=run.source.name,
+        grey=grey,
+        others=[sight.frame.grey for sight in sights[::_VIEW_STEP][:_VIEWS]],
         pixels=edges.pixels,
         gradients=edges.gradients,
         reference=truth,

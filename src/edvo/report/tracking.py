@@ -240,8 +240,50 @@ def track_source(
     -----
     A frame that cannot be read is skipped, and recorded as lost with its reason.
     """
+
+    def after(records: Sequence[FrameRecord]) -> None:
+        if on_frame is not None:
+            on_frame(records[0])
+
+    return track_together(
+        source, [tracker], indices=indices, clocks=[clock], on_frame=after, stop=stop
+    )[0]
+
+
+def track_together(
+    source: Source,
+    trackers: Sequence[Tracker],
+    *,
+    indices: Sequence[int] | None = None,
+    clocks: Sequence[StageClock | None] | None = None,
+    on_frame: Callable[[Sequence[FrameRecord]], None] | None = None,
+    stop: Callable[[], bool] | None = None,
+) -> list[Run]:
+    """Give the same frames to several trackers, one after the other, each frame decoded once.
+
+    Parameters
+    ----------
+    source : Source
+        Where the frames come from.
+    trackers : sequence of Tracker
+        What tracks them.
+    indices : sequence of int, optional
+        Which frames; all by default.
+    clocks : sequence of StageClock or None, optional
+        The clock that each tracker was given.
+    on_frame : callable, optional
+        Called after each frame with a record of each tracker.
+    stop : callable, optional
+        Asked before each frame; once it says yes, the runs end with what there is.
+
+    Returns
+    -------
+    list of Run
+        One for each tracker; the wall time of each is that of all.
+    """
     wanted = range(len(source)) if indices is None else indices
-    records: list[FrameRecord] = []
+    clocks = [None] * len(trackers) if clocks is None else clocks
+    frames: list[list[FrameRecord]] = [[] for _ in trackers]
     begin = time.perf_counter()
     count = core_count()
     cores = Cores(count)
@@ -252,10 +294,12 @@ def track_source(
             if stop is not None and stop():
                 break
             with cores.tracking():
-                records.append(_track(tracker, reading, clock))
+                for records, tracker, clock in zip(frames, trackers, clocks, strict=True):
+                    records.append(_track(tracker, reading, clock))
             if on_frame is not None:
-                on_frame(records[-1])
-    return Run(source, records, len(wanted), time.perf_counter() - begin)
+                on_frame([records[-1] for records in frames])
+    wall_s = time.perf_counter() - begin
+    return [Run(source, records, len(wanted), wall_s) for records in frames]
 
 
 @dataclass(frozen=True)
