@@ -34,12 +34,32 @@ CONVERGED, STALLED, EXHAUSTED, TOO_FEW, SINGULAR = 0, 1, 2, 3, 4  # why a regist
 HISTORY = 8  # columns of the iteration record
 
 
-def compiled(function: Function) -> Function:
-    """Compile a kernel; without a writable cache folder it is compiled anew in each process."""
-    try:
-        return cast(Function, numba.njit(nogil=True, cache=True)(function))
-    except RuntimeError:  # numba: no locator available for the cache
-        return cast(Function, numba.njit(nogil=True)(function))
+def compiled_with(**options: Any) -> Callable[[Function], Function]:
+    """Make a decorator that compiles a kernel, which releases the interpreter lock.
+
+    Without a writable cache folder the kernel is compiled anew in each process.
+
+    Parameters
+    ----------
+    **options
+        More options of ``numba.njit``.
+
+    Returns
+    -------
+    callable
+        From a function in the part of Python that numba takes to the compiled one.
+    """
+
+    def compile_it(function: Function) -> Function:
+        try:
+            return cast(Function, numba.njit(nogil=True, cache=True, **options)(function))
+        except RuntimeError:  # numba: no locator available for the cache
+            return cast(Function, numba.njit(nogil=True, **options)(function))
+
+    return compile_it
+
+
+compiled = compiled_with()
 
 
 class Grid(NamedTuple):

@@ -4,6 +4,7 @@ from dataclasses import replace
 from typing import Any
 
 import cv2
+import numba
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -435,12 +436,12 @@ def test_impossible_settings() -> None:
 
 
 def test_kernels_compile_without_a_folder_for_the_cache(monkeypatch: pytest.MonkeyPatch) -> None:
-    real = kernels.numba.njit
+    real = numba.njit
 
     def nowhere(*args: Any, **options: Any) -> Any:
         if options.get("cache"):
             raise RuntimeError("cannot cache function: no locator available")
         return real(*args, **options)
 
-    monkeypatch.setattr(kernels.numba, "njit", nowhere)
+    monkeypatch.setattr(numba, "njit", nowhere)
     assert kernels.compiled(lambda x: x + 1)(2) == 3

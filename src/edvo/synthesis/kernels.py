@@ -5,17 +5,16 @@ so that ``t`` of the nearest hit is the depth z itself. Everything is float64 in
 computed on its own, so the image does not depend on how rows are shared among threads.
 """
 
-from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from edvo.kernels import compiled_with
 
 F64 = NDArray[np.float64]
 F32 = NDArray[np.float32]
 I32 = NDArray[np.int32]
-_Function = TypeVar("_Function", bound=Callable[..., Any])
 
 PATCH, TRIANGLE, CYLINDER = 0, 1, 2
 PLAIN, CHECKER, NOISE, TILES, BRICKS, BOOKS, WOOD, TEXT = range(8)
@@ -25,25 +24,7 @@ BATCH = 256  # rays
 MOST = 64  # primitives tried one by one; above it each ray walks the tree
 
 
-def compiled(function: _Function) -> _Function:
-    """Compile a kernel, kept on disk where there is a folder for it.
-
-    Parameters
-    ----------
-    function : callable
-        In the part of Python that numba takes.
-
-    Returns
-    -------
-    callable
-        The compiled function; it releases the interpreter lock.
-    """
-    options: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
-    try:
-        kernel: _Function = numba.njit(cache=True, **options)(function)
-    except RuntimeError:  # numba finds no folder it may write: read-only install without a home
-        kernel = numba.njit(**options)(function)
-    return kernel
+compiled = compiled_with(error_model="numpy")
 
 
 @compiled
