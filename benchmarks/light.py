@@ -106,9 +106,9 @@ def clips(seconds: float, only: str | None) -> Iterator[Clip]:
         print(f"measuring: {name}", file=sys.stderr, flush=True)
         if name in SCENES:
             frames = round(30 * seconds)
-            yield load(SyntheticSource(make_recipe(name, frames=frames)), "rendered")
+            yield load(SyntheticSource(make_recipe(name, frames=frames)))
         else:
-            yield load(open_source(DATA / name), "real")
+            yield load(open_source(DATA / name))
 
 
 def show_misses(

@@ -67,7 +67,7 @@ def draw_brightness(path: Path, clip: Clip, severity: float, seed: int) -> float
 
 def draw_curve(path: Path, curves: dict[str, Sequence[Result]]) -> None:
     """Draw the error against the severity, a part for each sequence."""
-    figure = Figure(figsize=(5 * len(curves), 3.8), layout="constrained")
+    figure = Figure(figsize=(5 * len(curves), 4.4), layout="constrained")
     axes: list[Axes] = list(np.atleast_1d(np.asarray(figure.subplots(1, len(curves)))))
     for axis, (name, results) in zip(axes, curves.items(), strict=True):
         for system in SYSTEMS:
@@ -86,7 +86,8 @@ def draw_curve(path: Path, curves: dict[str, Sequence[Result]]) -> None:
         axis.set_xlabel("severity of the light (ambient+diffuse, 2 Hz)")
         axis.grid(alpha=0.3, which="both")
     axes[0].set_ylabel("RPE over 1 s, rmse (m/s)")
-    axes[0].legend(fontsize="small")
+    lines, names = axes[0].get_legend_handles_labels()
+    figure.legend(lines, names, loc="outside lower center", ncols=3, fontsize="small")
     figure.savefig(path, dpi=80)
 
 

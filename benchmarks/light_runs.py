@@ -1,6 +1,6 @@
 """Trackers side by side on the same frames, each under several lights."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass
@@ -51,7 +51,6 @@ class Clip:
     """Frames in memory, with their truth."""
 
     name: str
-    kind: str
     camera: Camera
     truth: Trajectory
     frames: tuple[Frame, ...]
@@ -107,7 +106,7 @@ class Result:
         return 0.0 if self.errors is None else self.errors.poses / self.frames
 
 
-def load(source: Source, kind: str, advance: Callable[[], None] = lambda: None) -> Clip:
+def load(source: Source) -> Clip:
     """Read or render a whole sequence, two frames at a time."""
     frames, unreadable = [], 0
     with closing(read_ahead(source, range(len(source)), workers=2)) as readings:
@@ -116,11 +115,10 @@ def load(source: Source, kind: str, advance: Callable[[], None] = lambda: None) 
                 unreadable += 1
             else:
                 frames.append(reading.frame)
-            advance()
     truth = source.ground_truth
     if truth is None:
         raise RuntimeError(f"{source.name} has no ground truth")
-    return Clip(source.name, kind, source.camera, truth, tuple(frames), unreadable)
+    return Clip(source.name, source.camera, truth, tuple(frames), unreadable)
 
 
 def follow(clip: Clip, relighters: dict[float, Relighter]) -> list[Result]:
