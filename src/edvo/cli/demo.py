@@ -15,13 +15,14 @@ from edvo.cli.interrupt import stop_on_interrupt
 from edvo.cli.scores import score_table, speed_line
 from edvo.cli.terminal import note, progress, say
 from edvo.clock import StageClock
-from edvo.errors import EvaluationError, MissingExtraError
+from edvo.errors import MissingExtraError
 from edvo.evaluation import evaluate
 from edvo.files import output_folder
 from edvo.odometry import Odometry
 from edvo.report.animation import draw_film
 from edvo.report.demo import (
     Watched,
+    demo_recipe,
     demo_source,
     film_of,
     film_step,
@@ -42,14 +43,13 @@ def demo(out: Path, *, scene: str, seconds: float, preset: str | None, seed: int
     """Make a sequence with known truth, track and draw it; see `edvo.cli.app.demo`."""
     begin = time.perf_counter()
     config = configure(preset, None, [], seed)
-    source = demo_source(scene, seconds=seconds, seed=seed)
-    truth = source.ground_truth
-    if truth is None:
-        raise EvaluationError(f"{scene}: a made sequence must have truth")
+    recipe = demo_recipe(scene, seconds=seconds, seed=seed)
+    truth = recipe.truth()
     folder = output_folder(out)
     cv2.setNumThreads(1)
     with renderer_compiling_aside():
         compile_now(config)
+    source = demo_source(recipe)
     clock = StageClock()
     edvo = Watched(Odometry(source.camera, config, clock=clock), film_step(len(source)))
     trackers: dict[str, Tracker] = {EDVO: edvo, **_opencv(source.camera)}

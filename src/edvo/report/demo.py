@@ -21,7 +21,7 @@ from edvo.report.tracking import FrameRecord, Run
 from edvo.report.warmup import cache_folder
 from edvo.sampling import sample_edges
 from edvo.synthesis.relighting import Relighter, RelitSource
-from edvo.synthesis.sequence import DEFAULT_CAMERA, SyntheticSource, make_recipe
+from edvo.synthesis.sequence import DEFAULT_CAMERA, Recipe, SyntheticSource, make_recipe
 from edvo.trajectory import Trajectory
 
 SCENE = "notexture_far"
@@ -36,33 +36,47 @@ _VIEWS = 5
 _VIEW_STEP = 6
 
 
-def demo_source(scene: str, *, seconds: float, seed: int = 0) -> Source:
-    """Make a short sequence with known truth, under light that swings, moves and jumps.
+def demo_recipe(scene: str, *, seconds: float, seed: int = 0) -> Recipe:
+    """Choose a short sequence with known truth, before anything is compiled for it.
 
     Parameters
     ----------
     scene : str
-        One of `edvo.synthesis.scene.scene_names`.
+        One of `edvo.synthesis.scene.scene_names`, or a YAML file.
     seconds : float
         Its length.
     seed : int
-        Of motion, noise and light.
+        Of motion and noise.
 
     Returns
     -------
-    Source
-        Frames of a hand-held Kinect, rendered as they are read, relit by the paper's ambient and
-        diffuse models (section V-A).
+    Recipe
+        A hand-held Kinect's.
 
     Raises
     ------
     SceneError
         If there is no such scene.
     """
-    frames = max(2, round(seconds * FRAME_RATE_HZ))
-    still_light = SyntheticSource(make_recipe(scene, frames=frames, seed=seed))
-    light = Relighter("ambient+diffuse", frequency=FLICKER_HZ, seed=seed)
-    return RelitSource(still_light, light)
+    return make_recipe(scene, frames=max(2, round(seconds * FRAME_RATE_HZ)), seed=seed)
+
+
+def demo_source(recipe: Recipe) -> Source:
+    """Put a sequence under light that swings, moves and jumps.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        See `demo_recipe`; its seed is the light's too.
+
+    Returns
+    -------
+    Source
+        Frames rendered as they are read, relit by the paper's ambient and diffuse models
+        (section V-A).
+    """
+    light = Relighter("ambient+diffuse", frequency=FLICKER_HZ, seed=recipe.seed)
+    return RelitSource(SyntheticSource(recipe), light)
 
 
 def render_one() -> None:
