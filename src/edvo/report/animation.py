@@ -28,7 +28,7 @@ _WIDTH, _HEIGHT = 1040, 680
 _PANEL = (30, 64, 480, 360)  # of the left image: column, row, width, height
 _PANELS_APART = 500
 _LAST_S = 2.5  # how long the last moment stays
-_QUALITY = 75
+_QUALITY = 55
 _WORST_PX = 3.0  # residual of the last colour
 _RESIDUALS = LinearSegmentedColormap.from_list("residuals", ["#3ddc97", "#f9c74f", "#f94144"])
 

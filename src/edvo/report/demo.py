@@ -30,7 +30,7 @@ SCENE = "notexture_far"
 FRAME_RATE_HZ = 30.0
 FLICKER_HZ = 2.0
 
-_MOST_MOMENTS = 90
+_MOST_MOMENTS = 50
 # Small images that show how the light changes, apart by no multiple of its period.
 _VIEWS = 5
 _VIEW_STEP = 6
