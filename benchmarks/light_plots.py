@@ -1,5 +1,7 @@
 """Pictures of light that changes: brightness, error against severity, origin of an error."""
 
+import re
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,6 +12,7 @@ from numpy.typing import NDArray
 
 from benchmarks.light_runs import SYSTEMS, Clip, Look, Result, median_of
 from edvo.evaluation import RelativePoseError
+from edvo.odometry import Status
 from edvo.report.plots import edge_picture
 from edvo.synthesis.photometry import decode
 from edvo.synthesis.relight_models import LIGHT_MODELS, Settings, ambient_gain
@@ -94,7 +97,7 @@ def draw_curve(path: Path, curves: dict[str, Sequence[Result]]) -> None:
 def draw_miss(
     path: Path, clip: Clip, rpe: RelativePoseError, looks: Sequence[Look], title: str
 ) -> str:
-    """Draw the registration with the largest error in the worst second, and say what it is.
+    """Draw the first frame that is lost, else that with the largest error in the worst second.
 
     Parameters
     ----------
@@ -110,13 +113,15 @@ def draw_miss(
     Returns
     -------
     str
-        One sentence for the page.
+        A sentence for the page.
     """
     begin = clip.frames[0].timestamp
     worst = int(np.argmax(rpe.translation))
     start = float(rpe.stamps[worst])
-    within = [look for look in looks if start <= look.frame.timestamp <= start + rpe.delta]
-    look = max(within or looks, key=lambda each: float(np.linalg.norm(each.error)))
+    end = start + rpe.delta + 0.02  # the pair's second pose is the nearest, not later than that
+    within = [look for look in looks if start <= look.frame.timestamp <= end]
+    lost = [look for look in looks if look.tracked.status is Status.LOST]
+    look = lost[0] if lost else max(within or looks, key=lambda x: float(np.linalg.norm(x.error)))
     alignment = look.tracked.alignment
     assert alignment is not None
     figure = Figure(figsize=(13, 7.2), layout="constrained")
@@ -146,8 +151,12 @@ def draw_miss(
     figure.savefig(path, dpi=64)
     x, y, z = (1e3 * look.error).tolist()
     direction, spread = weakest(alignment.H, alignment.sigma_px)
+    reasons = Counter(
+        re.sub(r"only \d+%", "too few", each.tracked.reason.split(":")[0]) for each in lost
+    )
+    said = "".join(f"{count} frames lost ({reason}); " for reason, count in reasons.items())
     return (
-        f"worst second from {start - begin:.2f} s ({1e3 * rpe.translation[worst]:.0f} mm); in it "
+        f"{said}worst second from {start - begin:.2f} s ({1e3 * rpe.translation[worst]:.0f} mm); "
         f"frame {look.tracked.index} is off its keyframe {look.tracked.keyframe} by "
         f"({x:.1f}, {y:.1f}, {z:.1f}) mm, with {alignment.match_count} matches of {len(edges)} "
         f"samples, {alignment.inliers} inliers, sigma {alignment.sigma_px:.2f} px; the edges hold "
