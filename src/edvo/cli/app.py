@@ -28,8 +28,6 @@ class Commands(TyperGroup):
 
 
 logging.getLogger("edvo").addHandler(Notes(logging.WARNING))
-# Each command sums up the frames that are lost; a line for each would drown that.
-logging.getLogger("edvo.odometry").setLevel(logging.ERROR)
 
 app = typer.Typer(
     name="edvo",

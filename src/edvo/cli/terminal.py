@@ -21,11 +21,15 @@ def note(line: str) -> None:
 
 
 class Notes(logging.Handler):
-    """Prints what the library logs as notes."""
+    """Prints what the library logs as notes, but for the tracker's.
+
+    Each command sums up the frames that are lost; a line for each would drown that.
+    """
 
     def emit(self, record: logging.LogRecord) -> None:
         """Print one."""
-        note(record.getMessage())
+        if record.name != "edvo.odometry":
+            note(record.getMessage())
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
