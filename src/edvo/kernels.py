@@ -31,6 +31,7 @@ PIVOT = 1e-12  # smallest Cholesky pivot, relative to the diagonal
 SIGNED, DISTANCE = 0, 1  # residual: Eq. (12), or Eq. (5)
 NONE, STUDENT_T, HUBER, CAUCHY, TUKEY = 0, 1, 2, 3, 4  # robust weight functions
 CONVERGED, STALLED, EXHAUSTED, TOO_FEW, SINGULAR = 0, 1, 2, 3, 4  # why a registration stopped
+ALL = np.int64(1)  # a stride; a plain 1 would have its own compiled variant
 HISTORY = 8  # columns of the iteration record
 
 
@@ -312,10 +313,10 @@ def draw_samples(
     # cells come in random order, in case there are more of them than count allows
     cells = np.arange(rows * cols).astype(np.int32)
     left = count
-    rest = 0
+    rest = np.int64(0)
     for turn in range(cells.size):
         c = draw(cells, turn, cells.size, state)
-        first, last = start[c], start[c + 1]
+        first, last = np.int64(start[c]), np.int64(start[c + 1])
         taken = 0
         while first < last and taken < per_cell and left > 0:
             i = draw(pool, first, last, state)
@@ -328,7 +329,7 @@ def draw_samples(
         if found[pool[k]] < 0:
             pool[rest] = pool[k]
             rest += 1
-    first = 0
+    first = np.int64(0)  # a plain 0 would have its own compiled variant
     while first < rest and left > 0:
         i = draw(pool, first, rest, state)
         first += 1
@@ -999,7 +1000,7 @@ def align(
         enough = solver.stop_px if stage == last_stage else solver.switch_px
         matches.bound[:] = 0  # what held under one criterion need not under another
         count = warp_and_match(
-            grid, points, gradients, 1, camera, T, criterion, solver.residual, matches, residuals
+            grid, points, gradients, ALL, camera, T, criterion, solver.residual, matches, residuals
         )
         damping = solver.damping
         rejections = 0
@@ -1037,7 +1038,7 @@ def align(
                 grid,
                 points,
                 gradients,
-                1,
+                ALL,
                 camera,
                 trial_T,
                 criterion,
