@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from typing import Protocol, cast
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +14,11 @@ from edvo.datasets import Reading, Source, read_ahead
 from edvo.errors import DatasetError, FrameError
 from edvo.frame import Frame
 from edvo.odometry import Status, TrackedFrame
-from edvo.report.cores import Cores, core_count
 from edvo.trajectory import Trajectory
 
-_MOST_WORKERS = 4  # so many decode faster than one thread tracks
+# Decoding threads: a frame takes several times as long to decode as to track, and one more than
+# two cores hold fills the gaps that the other threads leave.
+_WORKERS = 3
 
 
 class Tracker(Protocol):
@@ -285,33 +286,16 @@ def track_together(
     clocks = [None] * len(trackers) if clocks is None else clocks
     frames: list[list[FrameRecord]] = [[] for _ in trackers]
     begin = time.perf_counter()
-    count = core_count()
-    cores = Cores(count)
-    workers = min(max(count, 2), _MOST_WORKERS)
-    decoded = cast(Source, _Decoding(source, cores))
-    with closing(read_ahead(decoded, wanted, workers=workers, ahead=4 * workers)) as readings:
+    with closing(read_ahead(source, wanted, workers=_WORKERS, ahead=4 * _WORKERS)) as readings:
         for reading in readings:
             if stop is not None and stop():
                 break
-            with cores.tracking():
-                for records, tracker, clock in zip(frames, trackers, clocks, strict=True):
-                    records.append(_track(tracker, reading, clock))
+            for records, tracker, clock in zip(frames, trackers, clocks, strict=True):
+                records.append(_track(tracker, reading, clock))
             if on_frame is not None:
                 on_frame([records[-1] for records in frames])
     wall_s = time.perf_counter() - begin
     return [Run(source, records, len(wanted), wall_s) for records in frames]
-
-
-@dataclass(frozen=True)
-class _Decoding:
-    """A source that decodes only while there is a core for it."""
-
-    source: Source
-    cores: Cores
-
-    def read(self, index: int) -> Reading:
-        with self.cores.decoding():
-            return self.source.read(index)
 
 
 def _track(tracker: Tracker, reading: Reading, clock: StageClock | None) -> FrameRecord:
