@@ -261,7 +261,7 @@ def next_random(state: NDArray[np.uint64]) -> np.uint64:
 
 
 @compiled
-def draw(pool: I32, first: int, last: int, state: NDArray[np.uint64]) -> int:
+def draw(pool: I32, first: np.int64, last: np.int64, state: NDArray[np.uint64]) -> int:
     """Move a random entry of pool[first:last] to its front and return it."""
     k = first + int(next_random(state) % np.uint64(last - first))
     pool[first], pool[k] = pool[k], pool[first]
@@ -315,7 +315,7 @@ def draw_samples(
     left = count
     rest = np.int64(0)
     for turn in range(cells.size):
-        c = draw(cells, turn, cells.size, state)
+        c = draw(cells, np.int64(turn), np.int64(cells.size), state)
         first, last = np.int64(start[c]), np.int64(start[c + 1])
         taken = 0
         while first < last and taken < per_cell and left > 0:
@@ -788,7 +788,7 @@ def warp_and_match(
     grid: Grid,
     points: F64,
     gradients: F32,
-    stride: int,
+    stride: np.int64,
     camera: Pinhole,
     T: F64,
     criterion: Criterion,
@@ -922,7 +922,7 @@ def best_start(
     starts: F64,
     criterion: Criterion,
     solver: Solver,
-    stride: int,
+    stride: np.int64,
 ) -> int:
     """Which of several poses has the lowest cost over every ``stride``-th sample, at unit scale."""
     best, best_cost = 0, np.inf
@@ -961,7 +961,7 @@ def align(
     first_stage: int,
     last_stage: int,
     solver: Solver,
-    stride: int,
+    stride: np.int64,
     T: F64,
     H: F64,
     index: I32,

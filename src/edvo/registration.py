@@ -141,7 +141,7 @@ class Registration:
     ) -> None:
         self._camera = camera
         self._inlier_px = inlier_px
-        self._stride = start_stride
+        self._stride = np.int64(start_stride)
         self._cell_px = matching.cell_px
         self._first, self._last = STAGES[matching.criterion]
         self._pinhole = kernels.Pinhole(
