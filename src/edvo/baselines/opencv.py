@@ -65,8 +65,10 @@ class OpenCvAligner:
         self._odometry.prepareFrame(prepared)
         return prepared
 
-    def align(self, reference: Any, current: Any) -> NDArray[np.float64] | None:
-        """Give ``T_ref_cur``; None where OpenCV says that it failed."""
+    def align(
+        self, reference: Any, current: Any, T_ref_guess: NDArray[np.float64]
+    ) -> NDArray[np.float64] | None:
+        """Give ``T_ref_cur``; None where OpenCV says that it failed, which takes no guess."""
         found, T_ref_cur = self._odometry.compute(current, reference)
         return np.array(T_ref_cur, np.float64) if found else None
 

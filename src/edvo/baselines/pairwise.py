@@ -25,8 +25,13 @@ class Aligner(Protocol):
         """Make of a frame, without lens distortion, whatever ``align`` takes."""
         ...
 
-    def align(self, reference: Any, current: Any) -> NDArray[np.float64] | None:
-        """Give ``T_ref_cur``, shape (4, 4), of two prepared frames; None where it fails."""
+    def align(
+        self, reference: Any, current: Any, T_ref_guess: NDArray[np.float64]
+    ) -> NDArray[np.float64] | None:
+        """Give ``T_ref_cur``, shape (4, 4), of two prepared frames; None where it fails.
+
+        ``T_ref_guess`` is what it would be at the velocity of the last frame.
+        """
         ...
 
 
@@ -148,8 +153,10 @@ class PairwiseOdometry:
         if self._last.index != self._keyframe.index:
             tried.append(self._last)
         reason = ""
+        T_world_guess = self._predicted(frame.timestamp)
         for reference in tried:
-            T_ref_cur = self._aligner.align(reference.prepared, current)
+            T_ref_guess = se3.inverse(reference.T_world_ref) @ T_world_guess
+            T_ref_cur = self._aligner.align(reference.prepared, current, T_ref_guess)
             reason = self._problem(reference, T_ref_cur, frame.timestamp)
             if T_ref_cur is not None and not reason:
                 return self._accept(frame.timestamp, reference, T_ref_cur, current)
@@ -170,8 +177,7 @@ class PairwiseOdometry:
         TrackedFrame
             ``LOST``, with a predicted pose.
         """
-        ahead = self._velocity * min(self._period(timestamp), LONGEST_PREDICTION_S)
-        T_world_cam = self._T_world_last @ se3.exp(ahead)
+        T_world_cam = self._predicted(timestamp)
         keyframe = -1 if self._keyframe is None else self._keyframe.index
         T_key_cur = (
             np.eye(4)
@@ -182,6 +188,10 @@ class PairwiseOdometry:
         return self._result(
             timestamp, Status.LOST, reason, T_world_cam, T_key_cur, keyframe, is_keyframe=False
         )
+
+    def _predicted(self, timestamp: float) -> NDArray[np.float64]:
+        ahead = self._velocity * min(self._period(timestamp), LONGEST_PREDICTION_S)
+        return self._T_world_last @ se3.exp(ahead)
 
     def _accept(
         self, timestamp: float, reference: _Reference, T_ref_cur: NDArray[np.float64], current: Any
