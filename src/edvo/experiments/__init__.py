@@ -1,0 +1,1 @@
+"""Each table and figure of the paper as an experiment: one file each, found by name."""
