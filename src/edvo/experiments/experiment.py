@@ -24,7 +24,8 @@ class Table:
     header : tuple of str
         Names of the columns.
     rows : sequence of tuple of str
-        Cells as people read them, as many in each row as in the header.
+        Cells as people read them, as many in each row as in the header; ``**bold**`` for the
+        best.
     records : sequence of mapping of str to Value
         The same as bare numbers with units in their names, a row of the CSV file each; the rows
         themselves go there where there are none.

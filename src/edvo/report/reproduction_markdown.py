@@ -1,0 +1,84 @@
+"""A reproduction as Markdown, for the documentation."""
+
+from collections.abc import Sequence
+
+from edvo.experiments.bench import Bench
+from edvo.report.reproduction_words import (
+    PAPER,
+    SIGNS,
+    TITLE,
+    Shown,
+    findings_of,
+    sequences_of,
+    setting_of,
+    tally,
+)
+
+
+def markdown(stages: Sequence[Shown], bench: Bench) -> str:
+    """Write all tables, figures and findings as Markdown.
+
+    Parameters
+    ----------
+    stages : sequence of Shown
+        What is shown.
+    bench : Bench
+        What it was made with.
+
+    Returns
+    -------
+    str
+        The document; figures are linked where `edvo reproduce` puts them.
+    """
+    findings = findings_of(stages)
+    parts = [
+        f"# {TITLE}",
+        f"{PAPER}.",
+        setting_of(bench),
+        "## What holds",
+        f"{tally(finding for _, finding in findings)}.",
+    ]
+    if findings:
+        rows = [(name, f.claim, SIGNS[f.holds], f.sentence) for name, f in findings]
+        parts.append(markdown_table(("", "the paper", "here", "measured"), rows))
+    parts += ["## Sequences", markdown_table(("sequence", "data"), sequences_of(bench))]
+    parts += [f"- {note}" for note in bench.notes]
+    for stage in stages:
+        parts.append(f"## {stage.name}: {stage.title}")
+        if stage.paper:
+            parts.append(f"The paper: {stage.paper}")
+        if stage.outcome is None:
+            parts.append(f"**Failed**: {stage.problem}")
+            continue
+        for figure in stage.outcome.figures:
+            parts.append(f"![{figure.caption}]({stage.name}/{figure.name}.png)")
+            parts.append(f"*{figure.caption}*")
+        for table in stage.outcome.tables:
+            parts += [f"**{table.title}**", markdown_table(table.header, table.rows)]
+        for finding in stage.outcome.findings:
+            parts.append(f"- **{SIGNS[finding.holds]}**: {finding.claim}. {finding.sentence}")
+        parts += [f"- Note: {note}" for note in stage.outcome.notes]
+    return "\n\n".join(parts) + "\n"
+
+
+def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Lay out a table.
+
+    Parameters
+    ----------
+    header : sequence of str
+        Names of the columns.
+    rows : sequence of sequence of str
+        Cells.
+
+    Returns
+    -------
+    str
+        Lines of Markdown, the first column to the left and the others to the right.
+    """
+    lines = [header, ["---", *["---:"] * (len(header) - 1)], *rows]
+    return "\n".join(f"| {' | '.join(_cell(cell) for cell in line)} |" for line in lines)
+
+
+def _cell(text: str) -> str:
+    return " ".join(text.replace("|", "\\|").split())
