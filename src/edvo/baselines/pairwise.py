@@ -159,7 +159,7 @@ class PairwiseOdometry:
             T_ref_cur = self._aligner.align(reference.prepared, current, T_ref_guess)
             reason = self._problem(reference, T_ref_cur, frame.timestamp)
             if T_ref_cur is not None and not reason:
-                return self._accept(frame.timestamp, reference, T_ref_cur, current)
+                return self._accept(frame.timestamp, reference, _rigid(T_ref_cur), current)
         return self.skip(frame.timestamp, reason)
 
     def skip(self, timestamp: float, reason: str) -> TrackedFrame:
@@ -278,3 +278,11 @@ class PairwiseOdometry:
             camera.undistort_image(frame.grey),
             camera.undistort_depth(frame.depth),
         )
+
+
+def _rigid(T: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Give the nearest rigid motion: what single precision leaves grows from guess to guess."""
+    left, _, right = np.linalg.svd(T[:3, :3])
+    rigid = T.copy()
+    rigid[:3, :3] = left @ right
+    return rigid
