@@ -61,6 +61,8 @@ class Baseline:
     make : callable
         Gives a tracker for a camera and a seed. Raises `MissingExtraError` where the extra is
         not installed.
+    draws : bool
+        Whether it draws at random, so that another seed gives another result.
     """
 
     name: str
@@ -68,6 +70,7 @@ class Baseline:
     group: str
     extra: str | None
     make: Callable[[Camera, int], Tracker]
+    draws: bool = False
 
 
 def baseline_names() -> tuple[str, ...]:
@@ -304,12 +307,13 @@ def _of_the_table() -> dict[str, Baseline]:
             "",
             None,
             partial(_edvo, preset=name.removeprefix("edvo-")),
+            draws=True,
         )
         for name in EDVO_NAMES
     }
     found[ZERO_MOTION] = Baseline(ZERO_MOTION, "no motion at all", "", None, _still)
     for name, title, group, extra, make in _PAIRWISE:
-        found[name] = Baseline(name, title, group, extra, partial(make, None))
+        found[name] = Baseline(name, title, group, extra, partial(make, None), draws=make is _orb)
     for name, title, _, _, make in _PAIRWISE:
         found[name + FRAME_TO_FRAME_SUFFIX] = replace(
             found[name],

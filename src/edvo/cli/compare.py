@@ -1,0 +1,278 @@
+"""`edvo compare`."""
+
+import re
+import shlex
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain, count
+from pathlib import Path
+
+import cv2
+import typer
+
+from edvo.baselines.registry import EDVO_NAMES, ZERO_MOTION, baseline_names
+from edvo.cli import INTERRUPTED
+from edvo.cli.compiling import compile_now
+from edvo.cli.interrupt import stop_on_interrupt
+from edvo.cli.terminal import note, progress, say, table
+from edvo.config import Config
+from edvo.datasets import Source
+from edvo.errors import ConfigError, DatasetError
+from edvo.experiments.variants import variants_of
+from edvo.files import output_folder, write_atomically
+from edvo.report.compare import Comparison, System, compare_source
+from edvo.report.compare_memory import MEMORY_FRAMES, peak_megabytes
+from edvo.report.compare_rank import summary_verdicts, verdicts
+from edvo.report.compare_sources import SCENE_FRAMES, SourceSpec, find_sources
+from edvo.report.compare_systems import edvo_and, variant_systems
+from edvo.report.compare_tables import cells, describe, markdown, summary_cells, to_csv, to_json
+from edvo.report.tracking import choose_frames
+from edvo.trajectory import Trajectory
+
+DEFAULT_PEERS = ("opencv-rgbd", "opencv-rgb")
+"""Whom edvo is compared with where nobody is named: the best of what the base install has."""
+
+MARKDOWN, CSV, JSON = "compare.md", "compare.csv", "compare.json"
+TRAJECTORIES = "trajectories"
+NAME_MARK = "{name}"
+"""In the file name of a trajectory it stands for the name of the sequence."""
+
+_PROBLEMS_SHOWN = 3
+
+
+def compare(
+    sources: Sequence[str],
+    *,
+    peers: Sequence[str],
+    trajectories: Sequence[str],
+    variants: bool,
+    out: Path | None,
+    preset: str | None,
+    seed: int,
+    repeats: int,
+    camera: str | None,
+    format: str | None,
+    light: str | None,
+    severity: float | None,
+    start: int,
+    max_frames: int | None,
+    stride: int,
+    memory: bool,
+) -> None:
+    """Track recordings by several systems and compare them; see `edvo.cli.app.compare`."""
+    if preset is not None and not variants:
+        raise ConfigError("--preset says what --variants changes; without it both are compared")
+    if severity is not None and light is None:
+        raise ConfigError("--severity says how hard --light changes; name a model of light")
+    files = _named_files(trajectories)
+    base = f"edvo-{preset or 'paper'}" if variants else EDVO_NAMES[0]
+    if not (peers or files or variants):
+        peers = DEFAULT_PEERS
+    systems = edvo_and(peers, repeats=repeats)
+    if variants:
+        changed = variant_systems(preset or "paper", repeats=repeats)
+        systems = [*changed, *(system for system in systems if system.name != base)]
+    specs = [
+        SourceSpec(
+            text,
+            format=format,
+            camera=camera,
+            frames=start + stride * (max_frames or SCENE_FRAMES),
+            light=light,
+            severity=0.5 if severity is None else severity,
+            seed=seed,
+        )
+        for text in find_sources(sources, format=format, note=note)
+    ]
+    jobs = []
+    for spec in specs:
+        source = spec.open()
+        indices = choose_frames(source, start=start, max_frames=max_frames, stride=stride)
+        jobs.append(Job(spec, source, indices, _read(files, source.name)))
+    _check_names(peers, systems, files, jobs[0].source)
+    results = Results(None if out is None else output_folder(out))
+    for job in jobs:
+        for warning in job.source.warnings:
+            note(f"warning: {job.source.name}: {warning}")
+    # While a system is timed, nothing else may compute.
+    cv2.setNumThreads(1)
+    for name in EDVO_NAMES:
+        compile_now(Config.preset(name.removeprefix("edvo-")))
+    parameters = variants_of(preset or "paper") if variants else {}
+    with stop_on_interrupt() as stop:
+        for job in jobs:
+            if stop():
+                break
+            done = _compare_one(job, systems, base, seed=seed, stop=stop)
+            if memory:
+                done = _with_memory(done, job, parameters, seed=seed, stop=stop)
+            _report(done)
+            results.add(done)
+        interrupted = stop()
+    results.finish()
+    if interrupted:
+        whole = sum(not each.interrupted for each in results.comparisons)
+        note(f"interrupted after {whole} of {len(jobs)} sequences; what was done is shown")
+        raise typer.Exit(INTERRUPTED)
+    for each in results.comparisons:
+        if each.unreadable and len(each.unreadable) == each.frames:
+            raise DatasetError(f"{each.name}: no frame could be read; {each.unreadable[0]}")
+
+
+@dataclass(frozen=True)
+class Job:
+    """One sequence, and what takes part only there."""
+
+    spec: SourceSpec
+    source: Source
+    indices: range
+    trajectories: Mapping[str, Trajectory]
+
+
+class Results:
+    """What is done so far, kept in files if there is a folder for them."""
+
+    def __init__(self, folder: Path | None) -> None:
+        self.comparisons: list[Comparison] = []
+        self._folder = folder
+        self._pictures: list[list[str]] = []
+        self._command = shlex.join(["edvo", *sys.argv[1:]])
+
+    def add(self, comparison: Comparison) -> None:
+        """Take a sequence in, and write everything anew, each file whole or not at all."""
+        if not comparison.frames:
+            return
+        taken = {each.name for each in self.comparisons}
+        numbers = (f"{comparison.name}-{k}" for k in count(2))
+        name = next(n for n in chain([comparison.name], numbers) if n not in taken)
+        comparison = replace(comparison, name=name)
+        self.comparisons.append(comparison)
+        if self._folder is None:
+            return
+        self._pictures.append(self._draw(comparison, self._folder))
+        self._write_trajectories(comparison, self._folder / TRAJECTORIES)
+        page = markdown(self.comparisons, command=self._command, pictures=self._pictures)
+        write_atomically(self._folder / MARKDOWN, page)
+        write_atomically(self._folder / CSV, to_csv(self.comparisons))
+        write_atomically(self._folder / JSON, to_json(self.comparisons, command=self._command))
+
+    def finish(self) -> None:
+        """Say what all sequences come to, and where it is kept."""
+        if len(self.comparisons) > 1:
+            say(table(*summary_cells(self.comparisons)))
+            for line in summary_verdicts(self.comparisons):
+                say(line)
+            say()
+        if self._folder is not None and self.comparisons:
+            say(f"wrote {self._folder / MARKDOWN}, {CSV}, {JSON}, pictures and {TRAJECTORIES}/")
+
+    def _draw(self, comparison: Comparison, folder: Path) -> list[str]:
+        from edvo.report.compare_plots import draw_errors, draw_paths
+
+        written = []
+        for what, draw in (("paths", draw_paths), ("errors", draw_errors)):
+            picture = draw(comparison)
+            if picture is not None:
+                written.append(f"{_slug(comparison.name)}-{what}.png")
+                write_atomically(folder / written[-1], picture)
+        return written
+
+    def _write_trajectories(self, comparison: Comparison, folder: Path) -> None:
+        output_folder(folder / _slug(comparison.name))
+        for row in comparison.rows:
+            if row.score is not None and row.kind not in ("trajectory", "reference"):
+                file = folder / _slug(comparison.name) / f"{_slug(row.name)}.txt"
+                row.score.trajectory.write(file)
+
+
+def _named_files(trajectories: Sequence[str]) -> dict[str, str]:
+    files: dict[str, str] = {}
+    for each in trajectories:
+        name, equals, file = each.partition("=")
+        if not (name and equals and file):
+            raise ConfigError(f"--trajectory {each}: write NAME=FILE")
+        if name in files:
+            raise ConfigError(f"--trajectory {name} is given twice; give each another name")
+        if name in (*baseline_names(), ZERO_MOTION):
+            raise ConfigError(f"--trajectory {name}: edvo runs that itself; choose another name")
+        files[name] = file
+    return files
+
+
+def _read(files: Mapping[str, str], sequence: str) -> dict[str, Trajectory]:
+    return {
+        name: Trajectory.read(file.replace(NAME_MARK, sequence)) for name, file in files.items()
+    }
+
+
+def _check_names(
+    peers: Sequence[str], systems: Sequence[System], files: Mapping[str, str], source: Source
+) -> None:
+    """Refuse what is asked for by name and cannot be had, before anything takes time."""
+    for system in systems:
+        if system.name in peers:
+            system.make(source.camera, 0)  # says how to install it, if it is missing
+        if system.name in files:
+            raise ConfigError(
+                f"--trajectory {system.name}: a variant has that name; choose another"
+            )
+
+
+def _compare_one(
+    job: Job, systems: Sequence[System], base: str, *, seed: int, stop: Callable[[], bool]
+) -> Comparison:
+    with progress(job.source.name, len(job.indices)) as advance:
+        return compare_source(
+            job.source,
+            systems,
+            trajectories=job.trajectories,
+            indices=job.indices,
+            seed=seed,
+            base=base,
+            on_frame=advance,
+            stop=stop,
+        )
+
+
+def _with_memory(
+    comparison: Comparison,
+    job: Job,
+    parameters: Mapping[str, Config],
+    *,
+    seed: int,
+    stop: Callable[[], bool],
+) -> Comparison:
+    """Add to each row what it takes beyond a process that only decodes."""
+    indices = job.indices[:MEMORY_FRAMES]
+    rows = []
+    with progress(f"{job.source.name}: memory", len(comparison.rows)) as advance:
+        alone = None if stop() else peak_megabytes(job.spec, indices, None)
+        for row in comparison.rows:
+            runs_here = row.runs and row.kind not in ("trajectory", "reference")
+            if alone is not None and runs_here and not stop():
+                system = parameters.get(row.name, row.name)
+                peak = peak_megabytes(job.spec, indices, system, seed=seed)
+                row = replace(row, memory_mb=None if peak is None else max(0.0, peak - alone))
+            rows.append(row)
+            advance()
+    return replace(comparison, rows=tuple(rows))
+
+
+def _report(comparison: Comparison) -> None:
+    for problem in comparison.unreadable[:_PROBLEMS_SHOWN]:
+        note(f"skipped: {problem}")
+    if len(comparison.unreadable) > _PROBLEMS_SHOWN:
+        note(f"skipped {len(comparison.unreadable)} frames in all")
+    if not comparison.frames:
+        return
+    say(f"{comparison.name}: {describe(comparison)}")
+    say(table(*cells(comparison)))
+    for line in verdicts(comparison):
+        say(line)
+    say()
+
+
+def _slug(name: str) -> str:
+    """Make a file name."""
+    return re.sub(r"[^\w.+-]+", "-", name).strip("-")

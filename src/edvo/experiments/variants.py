@@ -1,0 +1,86 @@
+"""The method with one part changed at a time, so that each part's worth can be measured."""
+
+from dataclasses import dataclass
+
+from edvo.config import Config
+
+
+@dataclass(frozen=True, slots=True)
+class Variant:
+    """A change of one part.
+
+    Attributes
+    ----------
+    name : str
+        The part and what it becomes.
+    changes : tuple of str
+        Assignments for `edvo.config.Config.with_overrides`.
+    """
+
+    name: str
+    changes: tuple[str, ...]
+
+
+VARIANTS = (
+    Variant("edges: Sobel threshold", ("edges.extractor=sobel",)),
+    Variant("edges: difference of Gaussians", ("edges.extractor=dog",)),
+    Variant("edges: Canny 30/60", ("edges.low=30", "edges.high=60")),
+    Variant("edges: Canny 50/100", ("edges.low=50", "edges.high=100")),
+    Variant("edges: no blur", ("edges.blur_px=0",)),
+    Variant("depth: the pixel's own", ("edges.depth_window_px=1",)),
+    Variant("depth: 3 x 3 window", ("edges.depth_window_px=3",)),
+    Variant("depth: 7 x 7 window", ("edges.depth_window_px=7",)),
+    Variant("samples: 250", ("sampling.count=250",)),
+    Variant("samples: 450", ("sampling.count=450",)),
+    Variant("samples: 1000", ("sampling.count=1000",)),
+    Variant("samples: 1500", ("sampling.count=1500",)),
+    Variant("samples: cells of 40 px", ("sampling.cell_px=40",)),
+    Variant("samples: cells of 160 px", ("sampling.cell_px=160",)),
+    Variant("samples: at random, no cells", ("sampling.per_cell=0",)),
+    Variant("matching: normal criterion alone", ("matching.criterion=normal",)),
+    Variant("matching: robust criterion alone", ("matching.criterion=robust",)),
+    Variant("matching: switch at 0.25 px", ("matching.switch_px=0.25",)),
+    Variant("matching: switch at 2 px", ("matching.switch_px=2",)),
+    Variant("matching: none beyond 10 px", ("matching.max_distance_px=10",)),
+    Variant("matching: none beyond 60 degrees", ("matching.max_angle_deg=60",)),
+    Variant("residual: distance, Eq. (5)", ("registration.residual=distance",)),
+    Variant("weights: none", ("registration.weight=none",)),
+    Variant("weights: t, nu = 2", ("registration.weight=t", "registration.nu=2")),
+    Variant("weights: t, nu = 5", ("registration.weight=t", "registration.nu=5")),
+    Variant("weights: Huber", ("registration.weight=huber",)),
+    Variant("weights: Cauchy", ("registration.weight=cauchy",)),
+    Variant("weights: Tukey", ("registration.weight=tukey",)),
+    Variant("keyframe: every frame", ("keyframes.rule=gap", "keyframes.gap_frames=1")),
+    Variant("keyframe: every 5 frames", ("keyframes.rule=gap", "keyframes.gap_frames=5")),
+    Variant("keyframe: every 10 frames", ("keyframes.rule=gap", "keyframes.gap_frames=10")),
+    Variant("keyframe: every 20 frames", ("keyframes.rule=gap", "keyframes.gap_frames=20")),
+    Variant(
+        "keyframe: after 0.1 m or 8 degrees",
+        ("keyframes.max_translation_m=0.1", "keyframes.max_rotation_deg=8"),
+    ),
+    Variant("start: where the camera was", ("motion.prior=still",)),
+)
+"""Changes of every part, whatever the preset."""
+
+
+def variants_of(preset: str) -> dict[str, Config]:
+    """Apply each change to a preset.
+
+    Parameters
+    ----------
+    preset : str
+        ``paper`` or ``default``.
+
+    Returns
+    -------
+    dict of str to Config
+        By the names of `VARIANTS`, without those that the preset has already.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such preset.
+    """
+    unchanged = Config.preset(preset)
+    changed = {v.name: unchanged.with_overrides(v.changes) for v in VARIANTS}
+    return {name: config for name, config in changed.items() if config != unchanged}

@@ -1,0 +1,129 @@
+"""What `edvo compare` takes as a source: recordings, folders of them, and rendered scenes."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from edvo.datasets import Source, open_source
+from edvo.datasets.known_cameras import find_camera
+from edvo.datasets.registry import recognise
+from edvo.errors import DatasetError, SceneError
+from edvo.synthesis.relighting import Relighter, RelitSource
+from edvo.synthesis.sequence import DEFAULT_CAMERA, SyntheticSource, make_recipe
+
+SCENE_PREFIX = "synth:"
+"""Before the name of a scene that is rendered instead of read."""
+
+SCENE_FRAMES = 90
+"""Frames of a scene where no other number is asked for: three seconds."""
+
+
+@dataclass(frozen=True, slots=True)
+class SourceSpec:
+    """All it takes to open a source, in plain types, for another process to do the same.
+
+    Attributes
+    ----------
+    text : str
+        A path, or a scene after `SCENE_PREFIX`.
+    format, camera : str or None
+        As for `edvo.datasets.open_source`.
+    frames : int
+        Length of a scene.
+    light : str or None
+        Model of light, see `edvo.synthesis.relighting.Relighter`; as it was by default.
+    severity : float
+        How hard the light changes.
+    seed : int
+        Of scene and light.
+    """
+
+    text: str
+    format: str | None = None
+    camera: str | None = None
+    frames: int = SCENE_FRAMES
+    light: str | None = None
+    severity: float = 0.5
+    seed: int = 0
+
+    def open(self) -> Source:
+        """Open it.
+
+        Returns
+        -------
+        Source
+            Its frames, under the light asked for.
+
+        Raises
+        ------
+        DatasetError, CameraError, SceneError
+            If it cannot be.
+        """
+        source: Source
+        if self.text.startswith(SCENE_PREFIX):
+            camera = DEFAULT_CAMERA if self.camera is None else find_camera(self.camera)
+            scene = self.text.removeprefix(SCENE_PREFIX)
+            source = SyntheticSource(
+                make_recipe(scene, frames=self.frames, camera=camera, seed=self.seed)
+            )
+        else:
+            source = open_source(self.text, format=self.format, camera=self.camera)
+        if self.light is None:
+            return source
+        return RelitSource(source, Relighter(self.light, severity=self.severity, seed=self.seed))
+
+
+def find_sources(
+    texts: Sequence[str], *, format: str | None = None, note: Callable[[str], None]
+) -> list[str]:
+    """Tell the recordings among some paths, as a shell's pattern gives them.
+
+    Parameters
+    ----------
+    texts : sequence of str
+        Paths and scenes. A folder that is no recording stands for the recordings in it.
+    format : str, optional
+        Format of all of them; found out by default.
+    note : callable
+        Told, in a line each, what is no recording and left out.
+
+    Returns
+    -------
+    list of str
+        At least one, each once.
+
+    Raises
+    ------
+    DatasetError
+        If a path does not exist, or none is a recording.
+    SceneError
+        If a scene has no name.
+    """
+    found: list[str] = []
+    for text in texts:
+        if text == SCENE_PREFIX:
+            raise SceneError(f"{text}: no scene; give its name behind, see edvo synth --list")
+        if text.startswith(SCENE_PREFIX):
+            found.append(text)
+            continue
+        path = Path(text)
+        if not path.exists():
+            raise DatasetError(f"{text}: no such file or folder; check the path")
+        if format is not None or recognise(path.absolute()) is not None:
+            found.append(text)
+            continue
+        inside = _recordings_in(path)
+        if not inside and len(texts) == 1:
+            open_source(path)  # says what it is not
+        if not inside:
+            note(f"{text}: no known recording; left out")
+        found += inside
+    if not found:
+        raise DatasetError(f"{', '.join(texts)}: no recording among them; give one at least")
+    return list(dict.fromkeys(found))
+
+
+def _recordings_in(path: Path) -> list[str]:
+    if not path.is_dir():
+        return []
+    return [str(each) for each in sorted(path.iterdir()) if recognise(each.absolute()) is not None]
