@@ -15,46 +15,8 @@ from benchmarks.frames import Recording, recordings
 from benchmarks.section import table
 from edvo.config import Config
 from edvo.evaluation import evaluate
+from edvo.experiments.variants import variants_of
 from edvo.odometry import Odometry, Status
-
-ROWS: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("preset paper", ()),
-    ("edges: Sobel threshold", ("edges.extractor=sobel",)),
-    ("edges: difference of Gaussians", ("edges.extractor=dog",)),
-    ("edges: Canny 30/60", ("edges.low=30", "edges.high=60")),
-    ("edges: Canny 50/100", ("edges.low=50", "edges.high=100")),
-    ("edges: no blur", ("edges.blur_px=0",)),
-    ("depth: the pixel's own", ("edges.depth_window_px=1",)),
-    ("depth: 3 x 3 window", ("edges.depth_window_px=3",)),
-    ("depth: 7 x 7 window", ("edges.depth_window_px=7",)),
-    ("samples: 250", ("sampling.count=250",)),
-    ("samples: 1000", ("sampling.count=1000",)),
-    ("samples: 1500", ("sampling.count=1500",)),
-    ("samples: cells of 40 px", ("sampling.cell_px=40",)),
-    ("samples: cells of 160 px", ("sampling.cell_px=160",)),
-    ("samples: at random, no cells", ("sampling.per_cell=0",)),
-    ("matching: normal criterion alone", ("matching.criterion=normal",)),
-    ("matching: robust criterion alone", ("matching.criterion=robust",)),
-    ("matching: switch at 0.25 px", ("matching.switch_px=0.25",)),
-    ("matching: switch at 2 px", ("matching.switch_px=2",)),
-    ("matching: none beyond 10 px", ("matching.max_distance_px=10",)),
-    ("matching: none beyond 60 degrees", ("matching.max_angle_deg=60",)),
-    ("residual: distance, Eq. (5)", ("registration.residual=distance",)),
-    ("weights: none", ("registration.weight=none",)),
-    ("weights: t, nu = 5", ("registration.nu=5",)),
-    ("weights: Huber", ("registration.weight=huber",)),
-    ("weights: Cauchy", ("registration.weight=cauchy",)),
-    ("weights: Tukey", ("registration.weight=tukey",)),
-    ("keyframe: every frame", ("keyframes.rule=gap", "keyframes.gap_frames=1")),
-    ("keyframe: every 5 frames", ("keyframes.rule=gap", "keyframes.gap_frames=5")),
-    ("keyframe: every 10 frames", ("keyframes.rule=gap", "keyframes.gap_frames=10")),
-    ("keyframe: every 20 frames", ("keyframes.rule=gap", "keyframes.gap_frames=20")),
-    (
-        "keyframe: after 0.1 m or 8 degrees",
-        ("keyframes.max_translation_m=0.1", "keyframes.max_rotation_deg=8"),
-    ),
-    ("start: where the camera was", ("motion.prior=still",)),
-)
 
 
 def main() -> None:
@@ -64,9 +26,12 @@ def main() -> None:
     runs = 2 if parser.parse_args().quick else 10
     sequences = recordings(10_000)
     rows = []
-    for name, changes in (*ROWS, ("preset default", None)):
-        preset = "default" if changes is None else "paper"
-        config = Config.preset(preset).with_overrides(changes or ())
+    configs = {
+        "preset paper": Config.preset("paper"),
+        **variants_of("paper"),
+        "preset default": Config.preset("default"),
+    }
+    for name, config in configs.items():
         rows.append([name, *(score(sequence, config, runs) for sequence in sequences)])
         print(" | ".join(rows[-1]), flush=True)
     print("\n" + table(["", *(sequence.name for sequence in sequences)], rows))

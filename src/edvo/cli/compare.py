@@ -18,13 +18,13 @@ from edvo.cli.interrupt import stop_on_interrupt
 from edvo.cli.terminal import note, progress, say, table
 from edvo.config import Config
 from edvo.datasets import Source
-from edvo.errors import ConfigError, DatasetError
+from edvo.errors import ConfigError, DatasetError, EvaluationError
 from edvo.experiments.variants import variants_of
 from edvo.files import output_folder, write_atomically
 from edvo.report.compare import Comparison, System, compare_source
-from edvo.report.compare_memory import MEMORY_FRAMES, peak_megabytes
+from edvo.report.compare_memory import MEMORY_FRAMES, frames_on_disk, peak_megabytes
 from edvo.report.compare_rank import summary_verdicts, verdicts
-from edvo.report.compare_sources import SCENE_FRAMES, SourceSpec, find_sources
+from edvo.report.compare_sources import SCENE_FRAMES, find_sources, open_any
 from edvo.report.compare_systems import edvo_and, variant_systems
 from edvo.report.compare_tables import cells, describe, markdown, summary_cells, to_csv, to_json
 from edvo.report.tracking import choose_frames
@@ -39,6 +39,7 @@ NAME_MARK = "{name}"
 """In the file name of a trajectory it stands for the name of the sequence."""
 
 _PROBLEMS_SHOWN = 3
+_BUSY = 2.0  # wall over processor time of edvo, which computes in one thread
 
 
 def compare(
@@ -73,8 +74,10 @@ def compare(
     if variants:
         changed = variant_systems(preset or "paper", repeats=repeats)
         systems = [*changed, *(system for system in systems if system.name != base)]
-    specs = [
-        SourceSpec(
+    found = find_sources(sources, format=format, note=note)
+    jobs = []
+    for text in found:
+        source = open_any(
             text,
             format=format,
             camera=camera,
@@ -83,13 +86,8 @@ def compare(
             severity=0.5 if severity is None else severity,
             seed=seed,
         )
-        for text in find_sources(sources, format=format, note=note)
-    ]
-    jobs = []
-    for spec in specs:
-        source = spec.open()
         indices = choose_frames(source, start=start, max_frames=max_frames, stride=stride)
-        jobs.append(Job(spec, source, indices, _read(files, source.name)))
+        jobs.append(Job(source, indices, _read(files, source.name)))
     _check_names(peers, systems, files, jobs[0].source)
     results = Results(None if out is None else output_folder(out))
     for job in jobs:
@@ -124,7 +122,6 @@ def compare(
 class Job:
     """One sequence, and what takes part only there."""
 
-    spec: SourceSpec
     source: Source
     indices: range
     trajectories: Mapping[str, Trajectory]
@@ -243,17 +240,22 @@ def _with_memory(
     seed: int,
     stop: Callable[[], bool],
 ) -> Comparison:
-    """Add to each row what it takes beyond a process that only decodes."""
-    indices = job.indices[:MEMORY_FRAMES]
+    """Add to each row the memory that its system takes."""
+    readings = [job.source.read(index) for index in job.indices[:MEMORY_FRAMES]]
+    frames = [reading.frame for reading in readings if reading.frame is not None]
     rows = []
-    with progress(f"{job.source.name}: memory", len(comparison.rows)) as advance:
-        alone = None if stop() else peak_megabytes(job.spec, indices, None)
+    with (
+        progress(f"{job.source.name}: memory", len(comparison.rows)) as advance,
+        frames_on_disk(frames) as file,
+    ):
         for row in comparison.rows:
-            runs_here = row.runs and row.kind not in ("trajectory", "reference")
-            if alone is not None and runs_here and not stop():
+            if frames and row.wall_s.size and not stop():
                 system = parameters.get(row.name, row.name)
-                peak = peak_megabytes(job.spec, indices, system, seed=seed)
-                row = replace(row, memory_mb=None if peak is None else max(0.0, peak - alone))
+                try:
+                    peak = peak_megabytes(file, job.source.camera, system, seed=seed)
+                    row = replace(row, memory_mb=peak)
+                except EvaluationError as error:
+                    note(f"{row.name}: {error}")
             rows.append(row)
             advance()
     return replace(comparison, rows=tuple(rows))
@@ -270,6 +272,12 @@ def _report(comparison: Comparison) -> None:
     say(table(*cells(comparison)))
     for line in verdicts(comparison):
         say(line)
+    base = comparison.row(comparison.base)
+    if base is not None and base.median_s > _BUSY * base.median_cpu_s:
+        note(
+            f"warning: {base.name} waited for a processor most of the time; the machine is busy, "
+            "trust the processor times (CPU)"
+        )
     say()
 
 

@@ -178,6 +178,11 @@ class Row:
         """Median wall time of a frame, seconds; nan where it is not known."""
         return float(np.median(self.wall_s)) if self.wall_s.size else math.nan
 
+    @property
+    def median_cpu_s(self) -> float:
+        """Median processor time of a frame, seconds; nan where it is not known."""
+        return float(np.median(self.cpu_s)) if self.cpu_s.size else math.nan
+
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
@@ -234,6 +239,11 @@ class Comparison:
         """Say how many times as long a row takes for a frame as the base; nan if not known."""
         base = self.row(self.base)
         return math.nan if base is None else row.median_s / base.median_s
+
+    def cpu_ratio(self, row: Row) -> float:
+        """Say how many times as much processor time it takes; nan if not known."""
+        base = self.row(self.base)
+        return math.nan if base is None else row.median_cpu_s / base.median_cpu_s
 
     def error_ratio(self, row: Row) -> float:
         """Say how many times as large the error of a row is as that of the base."""

@@ -1,84 +1,127 @@
 """How much memory a system takes, each in a process of its own.
 
-``python -m edvo.report.compare_memory`` reads a job from standard input, tracks some frames, and
-prints the peak of its own resident memory.
+``python -m edvo.report.compare_memory`` reads a job from standard input, tracks frames that are
+in memory, and prints by how much its own resident memory has grown at most.
 """
 
+import gc
 import json
 import subprocess
 import sys
-from collections.abc import Sequence
-from contextlib import suppress
-from dataclasses import asdict
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import cv2
+import numpy as np
 
 from edvo.baselines.registry import Tracker, make_tracker
 from edvo.camera import Camera
 from edvo.config import Config
-from edvo.errors import FrameError
+from edvo.errors import EvaluationError, FrameError
+from edvo.frame import Frame
 from edvo.odometry import Odometry
-from edvo.report.compare_sources import SourceSpec
 
 MEMORY_FRAMES = 30
 """Frames that are tracked: enough for some keyframes."""
 
+_CAMERA = "the camera that the frames are of"
 
-def peak_megabytes(
-    spec: SourceSpec, indices: Sequence[int], system: str | Config | None, *, seed: int = 0
-) -> float | None:
-    """Decode frames, track them, and give the peak of the resident memory of it all.
+
+@contextmanager
+def frames_on_disk(frames: Sequence[Frame]) -> Iterator[Path]:
+    """Put frames where other processes find them decoded.
 
     Parameters
     ----------
-    spec : SourceSpec
-        Where the frames come from.
-    indices : sequence of int
-        Which frames; `MEMORY_FRAMES` of them will do.
-    system : str or Config or None
-        Name of a baseline, or parameters of edvo; None decodes alone.
+    frames : sequence of Frame
+        At least one.
+
+    Yields
+    ------
+    pathlib.Path
+        A file that is gone afterwards.
+    """
+    with TemporaryDirectory(prefix="edvo-") as folder:
+        path = Path(folder) / "frames.npz"
+        np.savez(
+            path,
+            timestamp=np.array([frame.timestamp for frame in frames]),
+            grey=np.array([frame.grey for frame in frames]),
+            depth=np.array([frame.depth for frame in frames]),
+        )
+        yield path
+
+
+def peak_megabytes(frames: Path, camera: Camera, system: str | Config, *, seed: int = 0) -> float:
+    """Track frames in a process of its own, and say how much memory that takes at most.
+
+    Parameters
+    ----------
+    frames : pathlib.Path
+        See `frames_on_disk`.
+    camera : Camera
+        Of the frames.
+    system : str or Config
+        Name of a baseline, or parameters of edvo.
     seed : int
         Of the system.
 
     Returns
     -------
-    float or None
-        Megabytes; None if the process failed or the operating system does not tell.
+    float
+        Megabytes by which the peak of the resident memory exceeds that of a process that has
+        imported edvo and holds the frames: the tracker, its compiled code, and the libraries
+        that edvo itself does not need.
+
+    Raises
+    ------
+    EvaluationError
+        If the process failed.
     """
     job = {
-        "source": asdict(spec),
-        "indices": list(indices),
+        "frames": str(frames),
+        "camera": camera.to_dict(),
         "system": system.to_dict() if isinstance(system, Config) else system,
         "seed": seed,
     }
-    done = subprocess.run(
-        [sys.executable, "-m", __name__], input=json.dumps(job), capture_output=True, text=True
-    )
-    try:
-        return float(done.stdout.split()[-1])
-    except (IndexError, ValueError):
-        return None
+    command = [sys.executable, "-m", __name__]
+    done = subprocess.run(command, input=json.dumps(job), capture_output=True, text=True)
+    if done.returncode:
+        last = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
+        raise EvaluationError(f"memory not measured: {last}")
+    return float(done.stdout.split()[-1])
 
 
-def _track(job: dict[str, Any]) -> None:
+def _grown(job: dict[str, Any]) -> float:
+    """Do a job in this process; megabytes."""
     cv2.setNumThreads(1)
-    source = SourceSpec(**job["source"]).open()
-    tracker = _tracker(job["system"], source.camera, job["seed"])
-    for index in job["indices"]:
-        frame = source.read(index).frame
-        if frame is not None and tracker is not None:
-            with suppress(FrameError):
-                tracker.track(frame)
+    camera = Camera.from_dict(job["camera"], where=_CAMERA)
+    with np.load(job["frames"]) as data:
+        columns = (data["timestamp"].tolist(), data["grey"], data["depth"])
+    frames = [Frame(*each) for each in zip(*columns, strict=True)]
+    gc.collect()
+    before = _forget_peak()
+    tracker = _tracker(job["system"], camera, job["seed"])
+    for frame in frames:
+        with suppress(FrameError):
+            tracker.track(frame)
+    return (_peak_kb() - before) / 1024
 
 
-def _tracker(system: str | dict[str, Any] | None, camera: Camera, seed: int) -> Tracker | None:
-    if system is None:
-        return None
+def _tracker(system: str | dict[str, Any], camera: Camera, seed: int) -> Tracker:
     if isinstance(system, str):
         return make_tracker(system, camera, seed)
     return Odometry(camera, Config.from_dict({**system, "seed": seed}))
+
+
+def _forget_peak() -> int:
+    """Begin the peak anew where that can be done (Linux); what it then is, in kB."""
+    with suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+    return _peak_kb()
 
 
 def _peak_kb() -> int:
@@ -99,5 +142,4 @@ def _peak_kb() -> int:
 
 
 if __name__ == "__main__":
-    _track(json.load(sys.stdin))
-    print(_peak_kb() / 1024)
+    print(_grown(json.load(sys.stdin)))

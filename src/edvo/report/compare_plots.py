@@ -19,7 +19,7 @@ _COLOURS = (ESTIMATE_COLOUR, MOTION_COLOUR)
 _OTHERS = ("#E69F00", "#56B4E9", "#009E73", "#CC79A7", "#0072B2", "#8c564b", "#7f7f7f")
 _LINES = ("-", "--", ":")
 _MOST = 16  # beyond that many no line is found again; the first ones by error are drawn
-_OUT_OF_VIEW = 3.0  # spans of the true path beyond which an estimate is not followed
+_OUT_OF_VIEW = 2.0  # spans of the true path beyond which an estimate is not followed
 
 
 def draw_paths(comparison: Comparison) -> bytes | None:
@@ -45,15 +45,11 @@ def draw_paths(comparison: Comparison) -> bytes | None:
     if true is not None:
         axes.plot(true[:, 0], true[:, 2], color=TRUTH_COLOUR, lw=4.0, alpha=0.3, label="truth")
     paths = [_aligned(T_view_ref, score) for _, score in shown]
-    low, high = _view(paths if true is None else [true])
+    low, high = _bounds(paths if true is None else [true])
     for (row, _), path, (colour, line) in zip(shown, paths, _styles(shown), strict=True):
-        axes.plot(path[:, 0], path[:, 2], color=colour, ls=line, lw=1.4, label=_label(row))
+        seen = np.where(((path > low) & (path < high)).all(axis=1, keepdims=True), path, np.nan)
+        axes.plot(seen[:, 0], seen[:, 2], color=colour, ls=line, lw=1.4, label=_label(row))
     axes.set_aspect("equal", adjustable="datalim")
-    span = _OUT_OF_VIEW * max(float((high - low).max()), 0.05)
-    left, right = axes.get_xlim()
-    bottom, top = axes.get_ylim()
-    axes.set_xlim(max(left, low[0] - span), min(right, high[0] + span))
-    axes.set_ylim(max(bottom, low[1] - span), min(top, high[1] + span))
     axes.set_xlabel("right (m)")
     axes.set_ylabel("forward (m)")
     axes.set_title(f"{comparison.name}: paths from above")
@@ -169,11 +165,14 @@ def _positions(T_view_world: NDArray[np.float64], trajectory: Trajectory) -> NDA
     return points
 
 
-def _view(
+def _bounds(
     paths: Sequence[NDArray[np.float64]],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    points = np.concatenate(paths)[:, [0, 2]]
-    return points.min(axis=0), points.max(axis=0)
+    """Give the corners of the space in which a path is drawn."""
+    points = np.concatenate(paths)
+    low, high = points.min(axis=0), points.max(axis=0)
+    margin = _OUT_OF_VIEW * max(float((high - low).max()), 0.05)
+    return low - margin, high + margin
 
 
 def _legend(axes: Axes) -> None:

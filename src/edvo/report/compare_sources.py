@@ -1,7 +1,6 @@
 """What `edvo compare` takes as a source: recordings, folders of them, and rendered scenes."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from edvo.datasets import Source, open_source
@@ -18,59 +17,53 @@ SCENE_FRAMES = 90
 """Frames of a scene where no other number is asked for: three seconds."""
 
 
-@dataclass(frozen=True, slots=True)
-class SourceSpec:
-    """All it takes to open a source, in plain types, for another process to do the same.
+def open_any(
+    text: str,
+    *,
+    format: str | None = None,
+    camera: str | None = None,
+    frames: int = SCENE_FRAMES,
+    light: str | None = None,
+    severity: float = 0.5,
+    seed: int = 0,
+) -> Source:
+    """Open a recording or a scene, under another light if one is asked for.
 
-    Attributes
+    Parameters
     ----------
     text : str
-        A path, or a scene after `SCENE_PREFIX`.
-    format, camera : str or None
-        As for `edvo.datasets.open_source`.
+        A path, or the name of a scene after `SCENE_PREFIX`.
+    format, camera : str, optional
+        As for `edvo.datasets.open_source`; the camera is also that of a scene.
     frames : int
         Length of a scene.
-    light : str or None
+    light : str, optional
         Model of light, see `edvo.synthesis.relighting.Relighter`; as it was by default.
     severity : float
         How hard the light changes.
     seed : int
         Of scene and light.
+
+    Returns
+    -------
+    Source
+        Its frames.
+
+    Raises
+    ------
+    DatasetError, CameraError, SceneError
+        If it cannot be.
     """
-
-    text: str
-    format: str | None = None
-    camera: str | None = None
-    frames: int = SCENE_FRAMES
-    light: str | None = None
-    severity: float = 0.5
-    seed: int = 0
-
-    def open(self) -> Source:
-        """Open it.
-
-        Returns
-        -------
-        Source
-            Its frames, under the light asked for.
-
-        Raises
-        ------
-        DatasetError, CameraError, SceneError
-            If it cannot be.
-        """
-        source: Source
-        if self.text.startswith(SCENE_PREFIX):
-            camera = DEFAULT_CAMERA if self.camera is None else find_camera(self.camera)
-            scene = self.text.removeprefix(SCENE_PREFIX)
-            source = SyntheticSource(
-                make_recipe(scene, frames=self.frames, camera=camera, seed=self.seed)
-            )
-        else:
-            source = open_source(self.text, format=self.format, camera=self.camera)
-        if self.light is None:
-            return source
-        return RelitSource(source, Relighter(self.light, severity=self.severity, seed=self.seed))
+    source: Source
+    if text.startswith(SCENE_PREFIX):
+        lens = DEFAULT_CAMERA if camera is None else find_camera(camera)
+        scene = text.removeprefix(SCENE_PREFIX)
+        source = SyntheticSource(make_recipe(scene, frames=frames, camera=lens, seed=seed))
+    else:
+        source = open_source(text, format=format, camera=camera)
+    if light is None:
+        return source
+    return RelitSource(source, Relighter(light, severity=severity, seed=seed))
 
 
 def find_sources(

@@ -48,7 +48,9 @@ def cells(comparison: Comparison) -> Cells:
     header = ["", "rank", "RPE rmse m/s"]
     header += ["worst"] * repeated + [f"to {comparison.base}"] * changed
     header += ["median", "Sturm's", "deg/s", "ATE rmse m", "coverage"]
-    header += ["wall ms (p95)", "CPU ms (p95)", "time"] + ["MB"] * measured + ["why"] * failures
+    header += (
+        ["wall ms (p95)", "CPU ms (p95)", "time (CPU)"] + ["MB"] * measured + ["why"] * failures
+    )
     lines = []
     for row in rows:
         rank = comparison.rank(row)
@@ -56,7 +58,7 @@ def cells(comparison: Comparison) -> Cells:
         line += [_worst(row)] * repeated
         line += [_ratio(comparison.error_ratio(row))] * changed
         line += [*_errors(row), _coverage(row)]
-        line += [_spread(row.wall_s), _spread(row.cpu_s), _ratio(comparison.time_ratio(row))]
+        line += [_spread(row.wall_s), _spread(row.cpu_s), _time_ratios(comparison, row)]
         line += [_megabytes(row)] * measured + [_why(row)] * failures
         lines.append(line)
     return header, lines
@@ -268,6 +270,7 @@ def _record(comparison: Comparison, row: Row) -> dict[str, Any]:
         **_time("wall_ms", row.wall_s),
         **_time("cpu_ms", row.cpu_s),
         "time_ratio": _number(comparison.time_ratio(row)),
+        "cpu_ratio": _number(comparison.cpu_ratio(row)),
         "memory_mb": None if row.memory_mb is None else _number(row.memory_mb),
     }
 
@@ -363,6 +366,11 @@ def _ratio(value: float) -> str:
     if not math.isfinite(value):
         return _NONE
     return f"{value:.1f}x" if value >= 10 else f"{value:.2f}x"
+
+
+def _time_ratios(comparison: Comparison, row: Row) -> str:
+    wall, cpu = comparison.time_ratio(row), comparison.cpu_ratio(row)
+    return f"{_ratio(wall)} ({_ratio(cpu)})" if math.isfinite(wall) else _NONE
 
 
 def _megabytes(row: Row) -> str:
