@@ -50,7 +50,13 @@ def reproduce(
     names = chosen(what)
     with _watching(len(names)) as watch:
         bench = Bench(
-            out, data=data, quick=quick, seed=seed, limit=max_frames, advance=watch.detail
+            out,
+            data=data,
+            quick=quick,
+            seed=seed,
+            limit=max_frames,
+            render_again=force,
+            advance=watch.detail,
         )
         folder = output_folder(out)
         for line in bench.notes:
@@ -154,5 +160,8 @@ def _watching(total: int) -> Iterator[_Watch]:
         TimeElapsedColumn(),
         TextColumn("{task.description}"),
     )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    # Results that go to a file must not be drawn above the bar instead.
+    redirect = sys.stdout.isatty()
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, redirect_stdout=redirect) as bar:
         yield _Watch(bar, bar.add_task("", total=total))

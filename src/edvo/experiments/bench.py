@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Hashable, Iterable
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TypeVar
@@ -25,6 +25,7 @@ from edvo.experiments.sequences import (
 from edvo.synthesis.sequence import DEFAULT_CAMERA, make_recipe
 
 Size = TypeVar("Size")
+Made = TypeVar("Made")
 
 _LIMITS = (1200, 90)  # frames of a recording, full and quick
 _STAND_INS = (300, 90)  # frames of a synthetic sequence
@@ -50,6 +51,8 @@ class Bench:
         Frames of a synthetic sequence; 300, or 90 if quick.
     camera : Camera
         Of synthetic sequences.
+    render_again : bool
+        Whether synthetic sequences are rendered even where they are complete in the folder.
     advance : callable, optional
         Told what is being done.
 
@@ -69,6 +72,7 @@ class Bench:
         limit: int | None = None,
         stand_in_frames: int | None = None,
         camera: Camera = DEFAULT_CAMERA,
+        render_again: bool = False,
         advance: Callable[[str], None] | None = None,
     ) -> None:
         self.folder = Path(folder)
@@ -77,9 +81,11 @@ class Bench:
         self._limit = limit or self.count(*_LIMITS)
         self._stand_in_frames = stand_in_frames or self.count(*_STAND_INS)
         self._camera = camera
+        self._render_again = render_again
         self._told = advance
         self._memory = FrameMemory()
         self._made: dict[str, Sequence] = {}
+        self._remembered: dict[Hashable, Any] = {}
         self.notes: tuple[str, ...] = ()
         """Recordings that are not used, and why."""
         recordings = {} if data is None else find_recordings(Path(data))
@@ -163,6 +169,26 @@ class Bench:
         """
         return [self.sequence(name) for name in (self.names if names is None else names)]
 
+    def remember(self, key: Hashable, make: Callable[[], Made]) -> Made:
+        """Do once what several experiments need.
+
+        Parameters
+        ----------
+        key : hashable
+            What it is called.
+        make : callable
+            Makes it, when it is first asked for.
+
+        Returns
+        -------
+        any
+            What was made.
+        """
+        if key not in self._remembered:
+            self._remembered[key] = make()
+        found: Made = self._remembered[key]
+        return found
+
     def release(self) -> None:
         """Forget all frames in memory; they are read again when asked for."""
         self._memory.clear()
@@ -193,12 +219,13 @@ class Bench:
             scene, frames=self._stand_in_frames, camera=self._camera, seed=self.seed
         )
         size = f"{self._camera.width}x{self._camera.height}"
-        folder = f"{scene}-{size}-{recipe.frames}-seed{self.seed}"
+        folder = f"{scene}-{size}-{recipe.frames}-seed{self.seed}-edvo{__version__}"
         return stand_in(
             name,
             recipe,
             self.folder / _RENDERED / folder,
             self._memory,
             paper=name in PAPER_SEQUENCES,
+            again=self._render_again,
             advance=self.advance,
         )

@@ -226,6 +226,7 @@ def stand_in(
     memory: FrameMemory,
     *,
     paper: bool = True,
+    again: bool = False,
     advance: Callable[[str], None] | None = None,
 ) -> Sequence:
     """Make a sequence of a synthetic scene.
@@ -242,6 +243,8 @@ def stand_in(
         Where its frames are kept.
     paper : bool
         Whether it stands for a sequence of the paper.
+    again : bool
+        Whether to render it even if it is complete.
     advance : callable, optional
         Told how far the rendering is.
 
@@ -251,16 +254,18 @@ def stand_in(
         Nothing of it is rendered yet.
     """
     source = SyntheticSource(recipe)
+    rendered = False
     kind = "stand-in: synthetic" if paper else "synthetic"
 
+    def report(done: int, of: int) -> None:
+        if advance is not None:
+            advance(f"rendering {source.name}: {done} of {of} frames")
+
     def make() -> Loaded:
-        if not (folder / "rgb.txt").exists():
-
-            def report(done: int, of: int) -> None:
-                if advance is not None:
-                    advance(f"rendering {source.name}: {done} of {of} frames")
-
+        nonlocal rendered
+        if not rendered and (again or not (folder / "rgb.txt").exists()):
             write_sequence(source, folder, force=True, workers=_WORKERS, progress=report)
+        rendered = True
         return _read(open_source(folder), recipe.frames)
 
     return Sequence(
