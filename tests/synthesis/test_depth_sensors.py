@@ -13,6 +13,7 @@ from edvo.synthesis.depth_sensors import (
     depth_sensor,
     encode_depth,
 )
+from edvo.synthesis.infrared import Surface
 from edvo.synthesis.randomness import generator
 
 CAMERA = Camera(width=640, height=480, fx=535.4, fy=539.2, cx=320.1, cy=247.6)
@@ -188,3 +189,62 @@ def test_an_unknown_sensor_lists_those_there_are() -> None:
 def test_encoding_rounds_and_drops_what_does_not_fit() -> None:
     depth = np.array([[0.0, 1.0, 1.00011, 13.2]], np.float32)
     assert encode_depth(depth, 5000.0).tolist() == [[0, 5000, 5001, 0]]
+
+
+def surface(facing: float, infrared: float, mirrored: float = 0.0) -> Surface:
+    shape = (480, 640)
+    return Surface(
+        np.full(shape, facing, np.float32),
+        np.full(shape, facing * infrared, np.float32),
+        np.full(shape, mirrored, np.float32),
+    )
+
+
+def lost(z: float, what: Surface) -> float:
+    measured = StructuredLight(margin=NO_MARGIN).measure(
+        wall(z), CAMERA, generator(4, "test"), what
+    )
+    return float((measured == 0).mean())
+
+
+@pytest.mark.parametrize(
+    ("z", "facing", "infrared", "least", "most"),
+    [
+        (3.7, 0.26, 0.37, 0.1, 0.35),  # floor of fr3/structure_notexture_far: a fifth
+        (4.2, 0.235, 0.37, 0.3, 0.8),  # further away: about half
+        (2.25, 0.44, 0.37, 0.0, 0.01),  # nearer: none
+        (1.05, 0.75, 0.008, 0.3, 0.8),  # glossy black screen of fr1/xyz: 60 %
+        (1.3, 0.6, 0.08, 0.0, 0.01),  # dull dark cabinet of fr3/cabinet: none
+        (4.5, 1.0, 0.7, 0.0, 0.01),  # a white wall almost out of range
+    ],
+)
+def test_the_kinect_loses_what_the_real_one_lost(
+    z: float, facing: float, infrared: float, least: float, most: float
+) -> None:
+    assert least <= lost(z, surface(facing, infrared)) <= most
+
+
+def test_a_highlight_blinds_the_kinect_and_no_other_camera() -> None:
+    shiny = surface(1.0, 0.5, mirrored=0.6)
+    assert lost(1.0, shiny) == 1.0
+    assert lost(2.0, shiny) == 0.0
+    for name in ("ideal", "realsense_d435", "azure_kinect"):
+        with_surface, without = (
+            depth_sensor(name).measure(wall(1.0), CAMERA, generator(0, "test"), what)
+            for what in (shiny, None)
+        )
+        assert (with_surface == without).all()
+
+
+@pytest.mark.parametrize("degrees", [0.0, 60.0, 75.0])
+def test_a_slanted_surface_adds_the_published_noise(degrees: float) -> None:
+    theta = np.radians(degrees)
+    what = surface(np.cos(theta), 1.0)
+    errors = []
+    for i, true in enumerate(1.5 + np.linspace(0.0, 0.03, 5)):
+        measured = StructuredLight().measure(wall(true), CAMERA, generator(5, "test", i), what)
+        inside = measured[20:460, 40:600].astype(np.float64)
+        errors.append((inside[inside > 0] - true).ravel())
+    axial = 0.0012 + 0.0019 * (1.515 - 0.4) ** 2
+    slanted = 0.0001 / np.sqrt(1.515) * theta**2 / (np.pi / 2 - theta) ** 2
+    assert np.std(np.concatenate(errors)) == pytest.approx(axial + slanted, rel=0.05)

@@ -13,6 +13,7 @@ from edvo.camera import Camera
 from edvo.errors import SceneError
 from edvo.sensor import DEPTH_NOISE, DepthNoise
 from edvo.synthesis.depth_effects import correlated_noise, ragged_contours, shadow_mask
+from edvo.synthesis.infrared import Pattern, Surface, lost_pattern, slant_noise
 
 Margin = tuple[float, float, float, float]
 Depth = NDArray[np.float32]
@@ -21,7 +22,13 @@ Depth = NDArray[np.float32]
 class DepthSensor(Protocol):
     """What a depth camera is here."""
 
-    def measure(self, depth: Depth, camera: Camera, rng: np.random.Generator) -> Depth:
+    def measure(
+        self,
+        depth: Depth,
+        camera: Camera,
+        rng: np.random.Generator,
+        surface: Surface | None = None,
+    ) -> Depth:
         """Give the depth image that the camera delivers.
 
         Parameters
@@ -32,6 +39,8 @@ class DepthSensor(Protocol):
             The camera of the image, for its focal length.
         rng : numpy.random.Generator
             Where the noise comes from: the same generator state gives the same bytes.
+        surface : Surface, optional
+            What the camera's pattern meets; surfaces that face it and scatter well without.
 
         Returns
         -------
@@ -54,8 +63,14 @@ class IdealDepth:
     near: float = 0.0
     far: float = 13.0
 
-    def measure(self, depth: Depth, camera: Camera, rng: np.random.Generator) -> Depth:
-        """Give the true depth within the range; ``camera`` and ``rng`` are not used."""
+    def measure(
+        self,
+        depth: Depth,
+        camera: Camera,
+        rng: np.random.Generator,
+        surface: Surface | None = None,
+    ) -> Depth:
+        """Give the true depth within the range; the rest is not used."""
         return _within(depth, self.near, self.far)
 
 
@@ -80,18 +95,21 @@ class StructuredLight:
     margin : 4 floats
         Shares of the image at its left, top, right and bottom that have no depth, since the
         infrared camera does not see them.
+    pattern : Pattern
+        Where the projected pattern is lost.
 
     Notes
     -----
-    Axial and lateral noise as measured by [1]_ (0.8 px laterally for a surface that faces the
-    camera). The depth steps are those of the TUM sequences, z^2 / 351 m, and of [2]_. The radius
-    of correlation and the margins are measured on the TUM fr3 sequences: neighbours two pixels
-    apart correlate by 0.42, and 11, 14, 32 and 13 pixels are missing at the borders.
+    Axial and lateral noise, and what a slanted surface adds, as measured by Nguyen 2012 (0.8 px
+    laterally for a surface that faces the camera). The depth steps are those of the TUM
+    sequences, z^2 / 351 m, and of Handa 2014. The radius of correlation and the margins are
+    measured on the TUM fr3 sequences: neighbours two pixels apart correlate by 0.42, and 11, 14,
+    32 and 13 pixels are missing at the borders.
 
-    .. [1] C. V. Nguyen, S. Izadi, D. Lovell, "Modeling Kinect sensor noise for improved 3D
-       reconstruction and tracking", 3DIMPVT 2012, doi:10.1109/3DIMPVT.2012.84.
-    .. [2] A. Handa, T. Whelan, J. McDonald, A. J. Davison, "A benchmark for RGB-D visual odometry,
-       3D reconstruction and SLAM", ICRA 2014, doi:10.1109/ICRA.2014.6907054.
+    - C. V. Nguyen, S. Izadi, D. Lovell, "Modeling Kinect sensor noise for improved 3D
+      reconstruction and tracking", 3DIMPVT 2012, doi:10.1109/3DIMPVT.2012.84.
+    - A. Handa, T. Whelan, J. McDonald, A. J. Davison, "A benchmark for RGB-D visual odometry,
+      3D reconstruction and SLAM", ICRA 2014, doi:10.1109/ICRA.2014.6907054.
     """
 
     noise: DepthNoise = field(default_factory=lambda: DEPTH_NOISE["kinect_v1"])
@@ -103,15 +121,26 @@ class StructuredLight:
     near: float = 0.5
     far: float = 5.0
     margin: Margin = (11 / 640, 14 / 480, 32 / 640, 13 / 480)
+    pattern: Pattern = field(default_factory=Pattern)
 
-    def measure(self, depth: Depth, camera: Camera, rng: np.random.Generator) -> Depth:
+    def measure(
+        self,
+        depth: Depth,
+        camera: Camera,
+        rng: np.random.Generator,
+        surface: Surface | None = None,
+    ) -> Depth:
         """Give the depth image of a Kinect; see :class:`DepthSensor`."""
         size = camera.width / 640
         z = ragged_contours(depth, self.lateral * size, rng)
         hidden = shadow_mask(depth, camera.fx, self.baseline)
         quantum = z * z * np.float32(self.step / (self.focal * self.baseline))
         unit_noise = correlated_noise(z.shape, self.correlation * size, rng)
-        noisy = z + _before_rounding(self.noise, z, quantum) * unit_noise
+        sigma = _before_rounding(self.noise, z, quantum)
+        if surface is not None:
+            sigma += slant_noise(z, surface)
+            hidden |= lost_pattern(depth, surface, size, rng, self.pattern)
+        noisy = z + sigma * unit_noise
         measured = _quantised_disparity(noisy, self.focal * self.baseline, self.step)
         measured[hidden | (z <= 0)] = 0
         return _without_margin(_within(measured, self.near, self.far), self.margin)
@@ -143,7 +172,13 @@ class Stereo:
     near: float = 0.3
     far: float = 10.0
 
-    def measure(self, depth: Depth, camera: Camera, rng: np.random.Generator) -> Depth:
+    def measure(
+        self,
+        depth: Depth,
+        camera: Camera,
+        rng: np.random.Generator,
+        surface: Surface | None = None,
+    ) -> Depth:
         """Give the depth image of a stereo camera; see :class:`DepthSensor`."""
         size = camera.width / 640
         z = ragged_contours(depth, self.lateral * size, rng)
@@ -175,14 +210,14 @@ class TimeOfFlight:
     Notes
     -----
     At a depth edge a pixel gathers light from both sides and measures a depth in between, a
-    flying pixel [1]_; here the mean depth within its spot, weighted by the light that comes back
-    (1 / z^2). The Azure Kinect declares pixels whose light is too mixed invalid [2]_, so small
-    gaps leave flying pixels and wide ones holes with a few flying pixels beside them. ``blur``
-    and ``spread`` are chosen, not published.
+    flying pixel (Toelgyessy 2021); here the mean depth within its spot, weighted by the light that
+    comes back (1 / z^2). The Azure Kinect declares pixels whose light is too mixed invalid
+    (Microsoft), so small gaps leave flying pixels and wide ones holes with a few flying pixels
+    beside them. ``blur`` and ``spread`` are chosen, not published.
 
-    .. [1] M. Toelgyessy, M. Dekan, L. Chovanec, P. Hubinsky, "Evaluation of the Azure Kinect and
-       its comparison to Kinect V1 and Kinect V2", Sensors 21(2), 2021, doi:10.3390/s21020413.
-    .. [2] Microsoft, "Azure Kinect DK depth camera", section "Invalidation".
+    - M. Toelgyessy, M. Dekan, L. Chovanec, P. Hubinsky, "Evaluation of the Azure Kinect and its
+      comparison to Kinect V1 and Kinect V2", Sensors 21(2), 2021, doi:10.3390/s21020413.
+    - Microsoft, "Azure Kinect DK depth camera", section "Invalidation".
     """
 
     noise: DepthNoise = field(default_factory=lambda: DEPTH_NOISE["azure_kinect"])
@@ -192,7 +227,13 @@ class TimeOfFlight:
     near: float = 0.5
     far: float = 3.86
 
-    def measure(self, depth: Depth, camera: Camera, rng: np.random.Generator) -> Depth:
+    def measure(
+        self,
+        depth: Depth,
+        camera: Camera,
+        rng: np.random.Generator,
+        surface: Surface | None = None,
+    ) -> Depth:
         """Give the depth image of a time-of-flight camera; see :class:`DepthSensor`."""
         seen = depth > 0
         z = np.where(seen, depth, np.float32(1))

@@ -85,6 +85,9 @@ class World:
             self._add(heap, shape, np.eye(4), -1, 0)
         self.things = tuple(heap.names)
         self.paint = self._paint()
+        materials = scene.materials.values()
+        #: (K,) reflectance for a depth camera's pattern; -1 for the mean of the albedo.
+        self.infrared = np.array([-1.0 if m.infrared is None else m.infrared for m in materials])
         self._walkers = heap.walkers
         self._walker = np.array(heap.walker, np.int32)
         self._moving = np.flatnonzero(self._walker >= 0)

@@ -82,6 +82,7 @@ class Images(NamedTuple):
     normal: F32  # (H, W, 3) camera frame
     albedo: F32  # (H, W, 3)
     thing: I32  # (H, W)
+    material: I32  # (H, W)
     key: I32  # (H, W) surface and shadow, to find the pixels to supersample
 
 
@@ -957,6 +958,7 @@ def trace_rows(
                     i = batch.hit[r]
                     images.depth[y, x] = batch.t[r] if i >= 0 else 0.0
                     images.thing[y, x] = solids.thing[i] if i >= 0 else -1
+                    images.material[y, x] = solids.material[i] if i >= 0 else -1
                     images.key[y, x] = batch.key[r]
                     for c in range(3):
                         images.normal[y, x, c] = (
@@ -1096,6 +1098,51 @@ def _split(rays: F64, y: int, x: int, samples: int, batch: Batch, start: int) ->
         ey = ((k * (samples + 1)) % count + 0.5) / count - 0.5
         batch.a[start + k] = rays[y, x, 0] + ex * ax + ey * bx
         batch.b[start + k] = rays[y, x, 1] + ex * ay + ey * by
+
+
+@compiled
+def look_back(
+    rays: F64,
+    normal: F32,
+    albedo: F32,
+    material: I32,
+    infrared: F64,
+    gloss: F64,
+    facing: F32,
+    scattered: F32,
+    mirrored: F32,
+) -> None:
+    """Give what light from the camera itself finds; see `edvo.synthesis.infrared.Surface`.
+
+    Parameters
+    ----------
+    rays : (H, W, 2) float64
+        Direction of each pixel on the plane z = 1.
+    normal, albedo, material
+        As in `Images`.
+    infrared : (K,) float64
+        Reflectance of each material; negative for the mean of its albedo.
+    gloss : (K, 3) float64
+        As in `Paint`.
+    facing, scattered, mirrored : (H, W) float32
+        Written.
+    """
+    for y in range(rays.shape[0]):
+        for x in range(rays.shape[1]):
+            facing[y, x] = scattered[y, x] = mirrored[y, x] = 0.0
+            k = material[y, x]
+            if k < 0:
+                continue
+            a, b, n = rays[y, x, 0], rays[y, x, 1], normal[y, x]
+            cosine = -(n[0] * a + n[1] * b + n[2]) / np.sqrt(a * a + b * b + 1.0)
+            cosine = min(max(cosine, 0.0), 1.0)
+            share = infrared[k]
+            if share < 0.0:
+                c = albedo[y, x]
+                share = (c[0] + c[1] + c[2]) / 3.0
+            facing[y, x], scattered[y, x] = cosine, share * cosine
+            if gloss[k, 0] > 0.0:
+                mirrored[y, x] = gloss[k, 0] * cosine ** gloss[k, 1]
 
 
 # --- the tree ------------------------------------------------------------------------------------

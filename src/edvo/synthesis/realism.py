@@ -89,9 +89,10 @@ def look_of_source(source: Source, frames: int = 12) -> Look:
     return Look(*(float(np.mean([getattr(look, name) for look in looks])) for name in names))
 
 
-#: The real sequence that a scene is to look like, and in what. Of the textured sequences at hand
-#: none shows the structure of the scenes: how busy the image is comes from a desk, how many holes
-#: the depth has from the same structure without texture.
+#: The real sequences that a scene is to look like, and in what. Of the textured sequences at hand
+#: none shows the structure of `texture_*`: how busy the image is comes from a desk, how many holes
+#: the depth has from the same structure without texture. The holes on dark, glossy and slanted
+#: surfaces are held to the scenes that have them: a desk with screens, a dark cabinet.
 MODELLED_ON: Mapping[str, Mapping[str, tuple[str, ...]]] = MappingProxyType(
     {
         "notexture_far": {
@@ -105,5 +106,7 @@ MODELLED_ON: Mapping[str, Mapping[str, tuple[str, ...]]] = MappingProxyType(
             "tum_fr1_xyz": ("edges", "gradient"),
             "tum_fr3_structure_notexture_far": ("missing",),
         },
+        "office": {"tum_fr1_xyz": ("edges", "missing")},
+        "cabinet": {"tum_fr3_cabinet_sparse": ("missing",)},
     }
 )

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from edvo.camera import Camera
 from edvo.errors import SceneError
 from edvo.synthesis import kernels
 from edvo.synthesis.geometry import World
+from edvo.synthesis.infrared import Surface
 from edvo.synthesis.light import ConstantLight, LightSignal, LightState
 from edvo.synthesis.scene import Scene
 
@@ -36,6 +37,8 @@ class Rendering:
         Share of light that the surface gives back.
     things : (H, W) int32
         Number of the thing seen (an index of `World.things`), -1 where nothing is hit.
+    materials : (H, W) int32
+        Number of its material, in the order of the scene, -1 where nothing is hit.
     """
 
     colour: NDArray[np.float32]
@@ -43,6 +46,7 @@ class Rendering:
     normals: NDArray[np.float32]
     albedo: NDArray[np.float32]
     things: NDArray[np.int32]
+    materials: NDArray[np.int32]
 
 
 @dataclass(frozen=True)
@@ -192,7 +196,34 @@ class Renderer:
             total += self._trace(poses(at), solids, signal.at(t + at), True).colour
         colour = (total / shutter.steps).astype(np.float32)
         albedo = self._trace(poses(0.0), solids, signal.at(t), True, smooth=False).albedo
-        return Rendering(colour, middle.depth, middle.normals, albedo, middle.things)
+        return replace(middle, colour=colour, albedo=albedo)
+
+    def surface(self, view: Rendering) -> Surface:
+        """Give what a depth camera's pattern meets in a view.
+
+        Parameters
+        ----------
+        view : Rendering
+            By this renderer, lit.
+
+        Returns
+        -------
+        Surface
+            Its pixels.
+        """
+        found = Surface(*(np.empty(view.depth.shape, np.float32) for _ in range(3)))
+        kernels.look_back(
+            self._rays,
+            view.normals,
+            view.albedo,
+            view.materials,
+            self.world.infrared,
+            self.world.paint.gloss,
+            found.facing,
+            found.scattered,
+            found.mirrored,
+        )
+        return found
 
     def _trace(
         self, poses: F64, solids: kernels.Solids, light: LightState, lit: bool, smooth: bool = True
@@ -205,6 +236,7 @@ class Renderer:
             np.empty(size, np.float32),
             np.empty((*size, 3), np.float32),
             fill((*size, 3), np.float32),
+            np.empty(size, np.int32),
             np.empty(size, np.int32),
             np.empty(size, np.int32),
         )
@@ -248,7 +280,14 @@ class Renderer:
         self._share(trace)
         if lit and smooth and self._samples > 1:
             self._share(supersample)
-        return Rendering(images.colour, images.depth, images.normal, images.albedo, images.thing)
+        return Rendering(
+            images.colour,
+            images.depth,
+            images.normal,
+            images.albedo,
+            images.thing,
+            images.material,
+        )
 
     def _share(self, work: Callable[[int], None]) -> None:
         """Do all bands of rows, in threads."""

@@ -74,6 +74,9 @@ class Material(_Entry):
         Its exponent.
     glow : float
         Light of its own, as the radiance of a white surface.
+    infrared : float, optional
+        Share of a depth camera's infrared pattern that is scattered back; the mean of the albedo
+        by default. Screens and polished black plastics mirror it away: 0.01 or less.
     """
 
     albedo: tuple[Share, Share, Share]
@@ -81,6 +84,7 @@ class Material(_Entry):
     gloss: Annotated[float, Field(ge=0)] = 0.0
     shininess: Positive = 30.0
     glow: Annotated[float, Field(ge=0)] = 0.0
+    infrared: Share | None = None
 
 
 class Repeat(_Entry):

@@ -21,7 +21,7 @@ from edvo.synthesis.clock import Clock
 from edvo.synthesis.depth_sensors import DepthSensor, depth_sensor, encode_depth
 from edvo.synthesis.geometry import World
 from edvo.synthesis.image_sensor import AutoExposure, ImageSensor
-from edvo.synthesis.light import LightSignal
+from edvo.synthesis.light import LightSignal, LightState
 from edvo.synthesis.motion import Motion, make_motion
 from edvo.synthesis.randomness import generator
 from edvo.synthesis.renderer import Renderer, Rendering, Shutter
@@ -305,9 +305,10 @@ class SyntheticSource:
         recipe = self.recipe
         t = float(recipe.depth_times[index])
         if rendering is None or t != recipe.colour_times[index]:
-            rendering = self._renderer.render(recipe.motion.at(t), t=t, lit=False)
+            rendering = self._renderer.render(recipe.motion.at(t), t=t, light=LightState(0.0))
         rng = generator(recipe.seed, "depth noise", index)
-        measured = recipe.depth.measure(rendering.depth, recipe.camera, rng)
+        surface = self._renderer.surface(rendering)
+        measured = recipe.depth.measure(rendering.depth, recipe.camera, rng, surface)
         return encode_depth(measured, recipe.camera.depth_scale)
 
     def read(self, index: int) -> Reading:
