@@ -223,8 +223,11 @@ class Comparison:
 
     @property
     def ranked(self) -> tuple[Row, ...]:
-        """Rows by their error, those that failed last; without no motion and what could not run."""
-        there = [row for row in self.rows if row.runs and row.kind != "reference"]
+        """Rows by their error, those that failed last.
+
+        Without standing still, changes of one part, and what could not be made.
+        """
+        there = [row for row in self.rows if row.runs and row.kind not in ("reference", "variant")]
         if all(math.isnan(row.rpe) for row in there):
             return ()
         return tuple(sorted(there, key=lambda row: math.inf if math.isnan(row.rpe) else row.rpe))

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 from edvo.report.compare import Comparison, Row
 
+_APART = 1.3  # ratio of wall and processor time beyond which both are said
 _ALIKE = 0.05  # relative difference of two times below which neither is the faster one
 
 
@@ -79,19 +80,24 @@ def _of_preset(comparison: Comparison, row: Row) -> str:
     else:
         said = "no rank, since there is no relative pose error"
     speeds = [
-        _speed(other, other.median_s / row.median_s)
+        _speed(other.name, other.median_s / row.median_s, other.median_cpu_s / row.median_cpu_s)
         for other in comparison.rows
         if other.kind == "baseline" and math.isfinite(other.median_s / row.median_s)
     ]
     return f"{row.name}: {'; '.join([said, ', '.join(speeds)]) if speeds else said}"
 
 
-def _speed(other: Row, ratio: float) -> str:
-    if abs(ratio - 1) <= _ALIKE:
-        return f"as fast as {other.name}"
-    if ratio > 1:
-        return f"{times(ratio)} faster than {other.name}"
-    return f"{times(1 / ratio)} slower than {other.name}"
+def _speed(name: str, wall: float, cpu: float) -> str:
+    """Say how much faster than another, by the wall and, if that differs, by processor time."""
+    if abs(wall - 1) <= _ALIKE:
+        said = f"as fast as {name}"
+    elif wall > 1:
+        said = f"{times(wall)} faster than {name}"
+    else:
+        said = f"{times(1 / wall)} slower than {name}"
+    if max(wall, cpu) <= _APART * min(wall, cpu):
+        return said
+    return f"{said} ({times(cpu)} by processor time)"
 
 
 def _of_variants(comparison: Comparison, changed: Sequence[Row]) -> list[str]:

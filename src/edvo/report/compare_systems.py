@@ -18,7 +18,7 @@ from edvo.odometry import Odometry
 from edvo.report.compare import System
 
 
-def edvo_and(peers: Iterable[str], *, repeats: int = 1) -> list[System]:
+def edvo_and(peers: Iterable[str], *, repeats: int = 1, later: bool = False) -> list[System]:
     """Put edvo's two presets and some baselines beside each other.
 
     Parameters
@@ -27,6 +27,8 @@ def edvo_and(peers: Iterable[str], *, repeats: int = 1) -> list[System]:
         Names of baselines and groups.
     repeats : int
         Runs of each that draws at random, each with another seed.
+    later : bool
+        Whether each run begins some frames later than the one before.
 
     Returns
     -------
@@ -39,7 +41,7 @@ def edvo_and(peers: Iterable[str], *, repeats: int = 1) -> list[System]:
         If there is no baseline of a name.
     """
     names = dict.fromkeys([*EDVO_NAMES, *expand(peers)])
-    return [_named(name, repeats) for name in names if name != ZERO_MOTION]
+    return [_named(name, repeats, later) for name in names if name != ZERO_MOTION]
 
 
 def variant_systems(preset: str, *, repeats: int = 1) -> list[System]:
@@ -84,7 +86,7 @@ def variant_systems(preset: str, *, repeats: int = 1) -> list[System]:
     return [unchanged, *changed]
 
 
-def _named(name: str, repeats: int) -> System:
+def _named(name: str, repeats: int, later: bool) -> System:
     baseline = find_baseline(name)
     return System(
         name,
@@ -92,6 +94,7 @@ def _named(name: str, repeats: int) -> System:
         "edvo" if name in EDVO_NAMES else "baseline",
         partial(make_tracker, name),
         repeats if baseline.draws else 1,
+        later,
     )
 
 
