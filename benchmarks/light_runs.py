@@ -199,9 +199,9 @@ def look_closely(clip: Clip, relighter: Relighter, config: Config) -> list[Look]
     given: list[tuple[EdgeIndex, EdgePixels]] = []
     align = Registration.align
 
-    def keep(self: Registration, reference: EdgeIndex, samples: EdgePixels, starts: Any) -> Any:
+    def keep(self: Registration, reference: EdgeIndex, samples: EdgePixels, *rest: Any) -> Any:
         given.append((reference, samples))
-        return align(self, reference, samples, starts)
+        return align(self, reference, samples, *rest)
 
     truth = clip.truth
     true = [truth.poses[truth.nearest(frame.timestamp)] for frame in clip.frames]

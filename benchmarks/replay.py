@@ -49,10 +49,11 @@ class Caught:
     reference: EdgeIndex
     samples: EdgePixels
     starts: NDArray[np.float64]
+    depth: tuple[Any, ...]
 
     def align(self) -> Alignment:
         """Register again."""
-        return self.registration.align(self.reference, self.samples, self.starts)
+        return self.registration.align(self.reference, self.samples, self.starts, *self.depth)
 
 
 @dataclass(frozen=True)
@@ -107,10 +108,14 @@ def catch(recording: Recording, config: Config, count: int) -> CaughtRun:
     align = Registration.align
 
     def keep(
-        self: Registration, reference: EdgeIndex, samples: EdgePixels, starts: NDArray[np.float64]
+        self: Registration,
+        reference: EdgeIndex,
+        samples: EdgePixels,
+        starts: NDArray[np.float64],
+        *depth: Any,
     ) -> Alignment:
-        caught.append(Caught(recording.camera, self, reference, samples, starts))
-        return align(self, reference, samples, starts)
+        caught.append(Caught(recording.camera, self, reference, samples, starts, depth))
+        return align(self, reference, samples, starts, *depth)
 
     clock = StageClock()
     odometry = Odometry(recording.camera, config, clock=clock)

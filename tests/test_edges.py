@@ -2,6 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
+from edvo import kernels
 from edvo.camera import Camera
 from edvo.config import EdgesConfig
 from edvo.edges import EXTRACTORS, EdgePixels, depth_at_edges, extract_edges
@@ -46,7 +47,7 @@ def step(angle_deg, shape=(200, 200), low=50, high=180):
 @pytest.mark.parametrize(("low", "high"), [(20.0, 40.0), (50.0, 100.0), (150.0, 300.0)])
 def test_canny_is_that_of_opencv_on_the_same_gradients(blur, low, high):
     grey = problems.drawn_image(np.random.default_rng(0))
-    config = EdgesConfig(blur_px=blur, low=low, high=high)
+    config = EdgesConfig(blur_px=blur, low=low, high=high, strong_share=0)
     edges = extract_edges(grey, config)
     _, du, dv = gradients_of(grey, config)
     np.testing.assert_array_equal(edges.du, du)
@@ -54,6 +55,33 @@ def test_canny_is_that_of_opencv_on_the_same_gradients(blur, low, high):
     np.testing.assert_array_equal(edges.index, np.flatnonzero(cv2.Canny(du, dv, low, high)))
     assert edges.index.dtype == np.int32
     assert len(edges) > 100
+
+
+def test_the_quantile_of_the_gradients_is_that_of_numpy():
+    rng = np.random.default_rng(5)
+    du = rng.normal(0, 60, (48, 64)).astype(np.int16)
+    dv = rng.normal(0, 60, (48, 64)).astype(np.int16)
+    strength = np.abs(du[2::4, 2::4].astype(int)) + np.abs(dv[2::4, 2::4])
+    for share in (0.05, 0.1, 0.5, 0.9):
+        value = kernels.strength_quantile(du, dv, share, 4)
+        assert np.count_nonzero(strength > value) <= share * strength.size
+        assert np.count_nonzero(strength >= value) > share * strength.size
+    assert kernels.strength_quantile(np.zeros_like(du), np.zeros_like(dv), 0.1, 4) == 0
+
+
+def test_thresholds_follow_the_image_within_bounds():
+    grey = problems.drawn_image(np.random.default_rng(0))
+    faint = (100 + 0.04 * (grey.astype(float) - 100)).round().astype(np.uint8)
+    noise = np.random.default_rng(1).integers(0, 256, grey.shape).astype(np.uint8)
+
+    def index(image, **config):
+        return extract_edges(image, EdgesConfig(**config)).index
+
+    fixed, half = {"strong_share": 0}, {"strong_share": 0, "low": 10, "high": 20}
+    np.testing.assert_array_equal(index(faint), index(faint, **half))
+    assert len(index(faint)) > len(index(faint, **fixed))
+    np.testing.assert_array_equal(index(noise), index(noise, **fixed))
+    np.testing.assert_array_equal(index(faint, least_scale=1), index(faint, **fixed))
 
 
 @pytest.mark.parametrize("extractor", EXTRACTORS)

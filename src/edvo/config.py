@@ -48,6 +48,15 @@ class EdgesConfig(Section):
         "texture is missing: 20/40 against 50/100 halves the error on plain panels",
     )
     high: Positive = Field(default=40.0, description="Canny's upper threshold, same unit")
+    strong_share: Fraction = Field(
+        default=0.10,
+        description="both of Canny's thresholds sink together, so that the upper one is exceeded "
+        "by at least this share of the pixels: what is plain or dark shows its faint edges, and "
+        "what is textured does not show its noise; 0 keeps them. Not in the paper",
+    )
+    least_scale: Annotated[float, Field(gt=0, le=1)] = Field(
+        default=0.5, description="but by no more than to this fraction, where noise begins"
+    )
     sobel_threshold: Positive = Field(
         default=120.0,
         description="extractor sobel: an edge where ``|Sobel u| + |Sobel v|`` exceeds this",
@@ -163,6 +172,49 @@ class RegistrationConfig(Section):
     )
 
 
+class PlanesConfig(Section):
+    """The point-to-plane term on depth, beside the edges; not in the paper."""
+
+    weight: Annotated[float, Field(ge=0)] = Field(
+        default=1.0,
+        description="of depth against edges, each in units of its own scale; 0 leaves it out",
+    )
+    doubt: Positive = Field(
+        default=0.7,
+        description="depth counts half where its residuals are this large in units of the "
+        "sensor's noise: beyond noise, errors are not independent from point to point",
+    )
+    sensor: Literal["kinect_v1", "realsense_d435", "realsense_d415", "azure_kinect"] = Field(
+        default="kinect_v1", description="whose noise sigma_z(z) the residuals are measured in"
+    )
+    map_step_px: Annotated[int, Field(ge=1)] = Field(
+        default=8, description="a keyframe has a plane at every such pixel"
+    )
+    point_step_px: Annotated[int, Field(ge=1)] = Field(
+        default=16, description="a frame has a point at every such pixel"
+    )
+    reach_px: Annotated[int, Field(ge=1)] = Field(
+        default=8, description="half the window that a plane is fitted to"
+    )
+    stride_px: Annotated[int, Field(ge=1)] = Field(
+        default=4, description="every such pixel of the window is looked at"
+    )
+    flatness: Positive = Field(
+        default=2.5,
+        description="a window whose depth is off the plane by more than so many times the noise "
+        "(rms) shows no plane",
+    )
+    max_angle_deg: Annotated[float, Field(gt=0, le=180)] = Field(
+        default=37.0, description="a point whose normal turns by more has no plane"
+    )
+    max_distance: Positive = Field(
+        default=30.0, description="nor has one farther from it than so many times the noise"
+    )
+    min_points: Annotated[int, Field(ge=6)] = Field(
+        default=50, description="with fewer points the term is left out"
+    )
+
+
 class KeyframesConfig(Section):
     """The keyframe method, §V-C."""
 
@@ -234,6 +286,7 @@ class Config(Section):
     sampling: SamplingConfig = SamplingConfig()
     matching: MatchingConfig = MatchingConfig()
     registration: RegistrationConfig = RegistrationConfig()
+    planes: PlanesConfig = PlanesConfig()
     keyframes: KeyframesConfig = KeyframesConfig()
     motion: MotionConfig = MotionConfig()
     status: StatusConfig = StatusConfig()
@@ -382,6 +435,8 @@ class Config(Section):
 PRESETS: dict[str, dict[str, Any]] = {
     "default": {},
     "paper": {
+        "edges": {"strong_share": 0.0},
+        "planes": {"weight": 0.0},
         "sampling": {"count": 450},
         "registration": {"weight": "t"},
     },

@@ -16,6 +16,7 @@ from edvo.camera import Camera
 from edvo.config import EdgesConfig
 
 DOG_RATIO = 1.6  # of the two Gaussians: nearest to the Laplacian of a Gaussian (Marr 1980)
+QUANTILE_STEP_PX = 4  # a sixteenth of the pixels tells the quantile of their gradients
 NO_TABLE = np.empty((0, 0, 2), np.float32)
 NO_TABLE.setflags(write=False)  # as Camera.undistortion_table: else its kernel compiles twice
 
@@ -193,7 +194,14 @@ def depth_at_edges(
 
 def canny(smooth: NDArray[np.uint8], config: EdgesConfig, buffers: EdgeBuffers) -> None:
     """Edge mask by Canny: non-maximum suppression and two thresholds on ``|du| + |dv|``."""
-    cv2.Canny(buffers.du, buffers.dv, config.low, config.high, edges=buffers.mask)
+    scale = 1.0
+    if config.strong_share:
+        exceeded = kernels.strength_quantile(
+            buffers.du, buffers.dv, config.strong_share, QUANTILE_STEP_PX
+        )
+        scale = min(max(exceeded / config.high, config.least_scale), 1.0)
+    low, high = scale * config.low, scale * config.high
+    cv2.Canny(buffers.du, buffers.dv, low, high, edges=buffers.mask)
 
 
 def sobel(smooth: NDArray[np.uint8], config: EdgesConfig, buffers: EdgeBuffers) -> None:

@@ -33,6 +33,8 @@ NONE, STUDENT_T, HUBER, CAUCHY, TUKEY = 0, 1, 2, 3, 4  # robust weight functions
 CONVERGED, STALLED, EXHAUSTED, TOO_FEW, SINGULAR = 0, 1, 2, 3, 4  # why a registration stopped
 ALL = np.int64(1)  # a stride; a plain 1 would have its own compiled variant
 HISTORY = 8  # columns of the iteration record
+TUKEY_TUNING = 4.685  # 95 % efficient on a Gaussian
+MIN_PLANE_SIGMA = 0.02  # floor of the scale of distances to planes, in units of the noise
 
 
 def compiled_with(**options: Any) -> Callable[[Function], Function]:
@@ -113,6 +115,42 @@ class Matches(NamedTuple):
     normal: F64  # (N, 2) what the residual is measured along
 
 
+class PlaneMap(NamedTuple):
+    """Planes tangent to what a reference depth image shows, at pixels a step apart."""
+
+    normals: F64  # (rows * cols, 3) unit, away from the camera
+    offsets: F64  # (rows * cols,) m, n . X = offset; 0 where there is no plane
+    rows: int
+    cols: int
+    step: float  # px
+
+
+class PlanePoints(NamedTuple):
+    """Points on the surfaces of the current depth image."""
+
+    X: F64  # (M, 3) m
+    normals: F64  # (M, 3)
+    sigma: F64  # (M,) m, noise of the sensor's depth there
+
+
+class DepthTerm(NamedTuple):
+    """How points are compared with planes, and what that counts beside the edges."""
+
+    weight: float  # 0 leaves the term out
+    doubt: float  # scale of the residuals at which it counts half
+    min_dot: float  # cosine of the widest angle between the normals
+    limit: float  # of a residual, in units of the noise
+    min_points: int
+
+
+class PlaneMatches(NamedTuple):
+    """State of the points' planes while a registration runs, packed to the front."""
+
+    Y: F64  # (M, 3) the point in the reference camera, m
+    normal: F64  # (M, 3) of its plane, over the noise across it, 1/m
+    residuals: F64  # (M,) distance over that noise
+
+
 class Solver(NamedTuple):
     """What the iteration of Eq. (13)-(14) needs to know."""
 
@@ -132,6 +170,23 @@ class Solver(NamedTuple):
 
 
 # ---------------------------------------------------------------------------------------- edges
+
+
+@compiled
+def strength_quantile(dx: NDArray[np.int16], dy: NDArray[np.int16], share: float, step: int) -> int:
+    """Value of |dx| + |dy| that this share of the pixels exceeds, by every step-th one."""
+    counts = np.zeros(4096, np.int32)
+    total = 0
+    for v in range(step // 2, dx.shape[0], step):
+        for u in range(step // 2, dx.shape[1], step):
+            strength = abs(np.int32(dx[v, u])) + abs(np.int32(dy[v, u]))
+            counts[min(strength, counts.size - 1)] += 1
+            total += 1
+    above, value = 0, counts.size - 1
+    while value > 0 and above + counts[value] <= share * total:
+        above += counts[value]
+        value -= 1
+    return value
 
 
 @compiled
@@ -245,6 +300,141 @@ def depths_at(depth: F32, index: I32, radius: int, gap: float, depths: F32) -> N
     for i in range(index.size):
         v = index[i] // width
         depths[i] = depth_at(depth, index[i] - v * width, v, radius, gap)
+
+
+# --------------------------------------------------------------------------------------- planes
+
+
+@compiled
+def fit_planes(
+    depth: F32,
+    nodes: I32,
+    sigma: F64,
+    table: F32,
+    camera: Pinhole,
+    reach: int,
+    stride: int,
+    flatness: float,
+    normals: F64,
+    offsets: F64,
+    centres: F64,
+) -> None:
+    """Fit a plane n . X = offset to the depth round each node, a raw pixel (u, v).
+
+    On a plane 1 / z is linear in the ideal pixel, and there the noise of disparities does not
+    depend on depth: so it is fitted by least squares, to every ``stride``-th pixel within
+    ``reach``. Where a quarter of them has no depth, or they lie off the plane by more than
+    ``flatness`` times the noise ``sigma`` (m, at each node), the offset is 0: no plane.
+    ``centres`` are the points where the planes meet the rays of the nodes.
+    """
+    height, width = depth.shape
+    for k in range(nodes.shape[0]):
+        offsets[k] = 0.0
+        u0, v0 = nodes[k, 0], nodes[k, 1]
+        if not (0 <= u0 < width and 0 <= v0 < height) or depth[v0, u0] <= 0:
+            continue
+        w0 = 1.0 / depth[v0, u0]
+        cu, cv = np.float64(u0), np.float64(v0)
+        if table.size > 0:
+            cu, cv = np.float64(table[v0, u0, 0]), np.float64(table[v0, u0, 1])
+        n, wanted = 0, 0
+        su, sv, sw = 0.0, 0.0, 0.0
+        suu, suv, svv, suw, svw, sww = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for v in range(v0 - reach, v0 + reach + 1, stride):
+            for u in range(u0 - reach, u0 + reach + 1, stride):
+                wanted += 1
+                if not (0 <= u < width and 0 <= v < height) or depth[v, u] <= 0:
+                    continue
+                x, y = np.float64(u - u0), np.float64(v - v0)
+                if table.size > 0:
+                    x, y = table[v, u, 0] - cu, table[v, u, 1] - cv
+                w = 1.0 / depth[v, u] - w0
+                n += 1
+                su, sv, sw = su + x, sv + y, sw + w
+                suu, suv, svv = suu + x * x, suv + x * y, svv + y * y
+                suw, svw, sww = suw + x * w, svw + y * w, sww + w * w
+        if 4 * n < 3 * wanted:
+            continue
+        mu, mv, mw = su / n, sv / n, sw / n
+        cuu, cuv, cvv = suu / n - mu * mu, suv / n - mu * mv, svv / n - mv * mv
+        cuw, cvw, cww = suw / n - mu * mw, svw / n - mv * mw, sww / n - mw * mw
+        det = cuu * cvv - cuv * cuv
+        if det <= 1e-6:
+            continue
+        a, b = (cuw * cvv - cvw * cuv) / det, (cvw * cuu - cuw * cuv) / det
+        noise = flatness * sigma[k] * w0 * w0
+        if cww - a * cuw - b * cvw > noise * noise:
+            continue
+        w = w0 + mw - a * mu - b * mv
+        # 1 / z = w + a (u - cu) + b (v - cv) with u = fx x / z + cx says N . X = 1
+        nx, ny = a * camera.fx, b * camera.fy
+        nz = w + a * (camera.cx - cu) + b * (camera.cy - cv)
+        norm = np.sqrt(nx * nx + ny * ny + nz * nz)
+        if w <= 0 or norm <= 0:
+            continue
+        normals[k, 0], normals[k, 1], normals[k, 2] = nx / norm, ny / norm, nz / norm
+        offsets[k] = 1 / norm
+        centres[k, 0] = (cu - camera.cx) / camera.fx / w
+        centres[k, 1] = (cv - camera.cy) / camera.fy / w
+        centres[k, 2] = 1 / w
+
+
+@compiled
+def new_plane_matches(m: int) -> PlaneMatches:
+    """State of the planes of m points, none of them found."""
+    return PlaneMatches(np.empty((m, 3)), np.empty((m, 3)), np.empty(m))
+
+
+@compiled
+def match_planes(
+    planes: PlaneMap,
+    points: PlanePoints,
+    camera: Pinhole,
+    T: F64,
+    term: DepthTerm,
+    matches: PlaneMatches,
+) -> int:
+    """Warp points by T, and take their distances to the planes they project onto.
+
+    A distance counts in units of the noise across the plane: that along the ray times the cosine
+    between ray and normal, which a grazing view makes no better than a tenth. Returns how many
+    points have a plane that is turned alike and near.
+    """
+    count = 0
+    inverse = 1 / planes.step
+    for i in range(points.sigma.size):
+        x, y, z = points.X[i, 0], points.X[i, 1], points.X[i, 2]
+        px = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
+        py = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
+        pz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+        if pz < MIN_DEPTH:
+            continue
+        col = int(np.floor((camera.fx * px / pz + camera.cx) * inverse + 0.5))
+        row = int(np.floor((camera.fy * py / pz + camera.cy) * inverse + 0.5))
+        if not (0 <= col < planes.cols and 0 <= row < planes.rows):
+            continue
+        k = row * planes.cols + col
+        if planes.offsets[k] == 0:
+            continue
+        nx, ny, nz = planes.normals[k, 0], planes.normals[k, 1], planes.normals[k, 2]
+        mx, my, mz = points.normals[i, 0], points.normals[i, 1], points.normals[i, 2]
+        dot = nx * (T[0, 0] * mx + T[0, 1] * my + T[0, 2] * mz)
+        dot += ny * (T[1, 0] * mx + T[1, 1] * my + T[1, 2] * mz)
+        dot += nz * (T[2, 0] * mx + T[2, 1] * my + T[2, 2] * mz)
+        if dot < term.min_dot:
+            continue
+        along = nx * px + ny * py + nz * pz
+        scale = 1 / (points.sigma[i] * max(abs(along) / pz, 0.1))
+        r = (along - planes.offsets[k]) * scale
+        if abs(r) > term.limit:
+            continue
+        matches.Y[count, 0], matches.Y[count, 1], matches.Y[count, 2] = px, py, pz
+        matches.normal[count, 0] = nx * scale
+        matches.normal[count, 1] = ny * scale
+        matches.normal[count, 2] = nz * scale
+        matches.residuals[count] = r
+        count += 1
+    return count
 
 
 # ------------------------------------------------------------------------------------- sampling
@@ -892,6 +1082,46 @@ def normal_equations(
 
 
 @compiled
+def plane_equations(matches: PlaneMatches, count: int, sigma: float, H: F64, b: F64) -> None:
+    """Accumulate H = J^T W J and b = J^T W r of the distances to planes, by Tukey's weights.
+
+    The derivative of n . Y by a left perturbation [v, w] of T is [n, Y x n].
+    """
+    H[:] = 0
+    b[:] = 0
+    J = np.empty(6)
+    inverse = 1 / (sigma * sigma)
+    for i in range(count):
+        r = matches.residuals[i]
+        px, py, pz = matches.Y[i, 0], matches.Y[i, 1], matches.Y[i, 2]
+        au, av, aw = matches.normal[i, 0], matches.normal[i, 1], matches.normal[i, 2]
+        J[0], J[1], J[2] = au, av, aw
+        J[3] = py * aw - pz * av
+        J[4] = pz * au - px * aw
+        J[5] = px * av - py * au
+        w = robust_weight(r * r * inverse, TUKEY, TUKEY_TUNING)
+        for m in range(6):
+            wj = w * J[m]
+            b[m] += wj * r
+            for n in range(m + 1):
+                H[m, n] += wj * J[n]
+    for m in range(6):
+        for n in range(m):
+            H[n, m] = H[m, n]
+
+
+@compiled
+def plane_cost(matches: PlaneMatches, count: int, points: int, sigma: float) -> float:
+    """Sum of Tukey's losses over all points; one without a plane costs as much as the worst."""
+    inverse = 1 / (sigma * sigma)
+    total = 0.0
+    for i in range(count):
+        square = matches.residuals[i] * matches.residuals[i] * inverse
+        total += robust_cost(square, TUKEY, TUKEY_TUNING)
+    return total + (points - count) * (TUKEY_TUNING * TUKEY_TUNING / 6)
+
+
+@compiled
 def new_matches(n: int) -> Matches:
     """State of the matches of n samples, none of them matched."""
     return Matches(
@@ -962,12 +1192,15 @@ def align(
     last_stage: int,
     solver: Solver,
     stride: np.int64,
+    planes: PlaneMap,
+    surface: PlanePoints,
+    term: DepthTerm,
     T: F64,
     H: F64,
     index: I32,
     residuals: F64,
     history: F64,
-) -> tuple[int, int, int, float, float]:
+) -> tuple[int, int, int, float, float, int, float, float]:
     """Register samples (points, gradients) with a reference, Eq. (13)-(14), from the best start.
 
     Stage 0 matches by the robust criterion until the steps fall below ``switch_px``, stage 1 by
@@ -975,12 +1208,20 @@ def align(
     the residuals that it predicts. Writes T, H (weights included), index (of the matches among
     the reference edges, NO_MATCH where none), residuals (packed, in sample order) and history, a
     row an iteration: stage, matches, sigma, cost, step, damping, accepted, cost of the trial.
-    Returns why it stopped, iterations, number of matches, sigma and cost.
+    Points of the current depth image pull towards planes of the reference, where there are any:
+    their term has a scale of its own, sigma_d, and counts less the more that exceeds the sensor's
+    noise, since such errors are not independent of one another. H and b stay in px^2.
+    Returns why it stopped, iterations, number of matches, sigma and cost; then the number of
+    points with a plane, their sigma_d, and what their term counted.
     """
     n = points.shape[0]
     matches, trial = new_matches(n), new_matches(n)
     trial_residuals = np.empty(n)
     b, step = np.empty(6), np.empty(6)
+    m = surface.sigma.size
+    near, near_trial = new_plane_matches(m), new_plane_matches(m)
+    H_planes, b_planes = np.zeros((6, 6)), np.zeros(6)
+    near_count, sigma_d, balance = 0, 1.0, 0.0
     T[:] = starts[
         best_start(
             grid,
@@ -1002,6 +1243,8 @@ def align(
         count = warp_and_match(
             grid, points, gradients, ALL, camera, T, criterion, solver.residual, matches, residuals
         )
+        if m > 0:
+            near_count = match_planes(planes, surface, camera, T, term, near)
         damping = solver.damping
         rejections = 0
         stale = True
@@ -1014,6 +1257,17 @@ def align(
                 sigma = scale_of(residuals, count, sigma, solver)
                 cost = mean_cost(residuals, count, n, sigma, criterion.limit, solver)
                 total = normal_equations(camera, solver, sigma, matches, residuals, H, b)
+                balance = 0.0
+                if near_count >= term.min_points:
+                    sigma_d = median_scale(near.residuals, near_count, MIN_PLANE_SIGMA)
+                    balance = term.weight / (1 + sigma_d / term.doubt)
+                    cost += balance / n * plane_cost(near, near_count, m, sigma_d)
+                    plane_equations(near, near_count, sigma_d, H_planes, b_planes)
+                    scale = balance * (sigma / sigma_d) ** 2
+                    for i in range(6):
+                        b[i] += scale * b_planes[i]
+                        for j in range(6):
+                            H[i, j] += scale * H_planes[i, j]
                 stale = False
             if not solve_damped(H, b, damping, step):
                 reason = SINGULAR
@@ -1047,12 +1301,19 @@ def align(
                 trial_residuals,
             )
             row[7] = mean_cost(trial_residuals, trial_count, n, sigma, criterion.limit, solver)
+            near_trial_count = 0
+            if m > 0:
+                near_trial_count = match_planes(planes, surface, camera, trial_T, term, near_trial)
+            if balance > 0:
+                row[7] += balance / n * plane_cost(near_trial, near_trial_count, m, sigma_d)
             if row[7] < cost:
                 row[6] = 1
                 T[:] = trial_T
                 count = trial_count
                 matches, trial = trial, matches
                 residuals[:] = trial_residuals
+                near, near_trial = near_trial, near
+                near_count = near_trial_count
                 damping *= solver.damping_down
                 rejections = 0
                 stale = True
@@ -1074,4 +1335,4 @@ def align(
     for i in range(n):
         k = matches.edge[i]
         index[i] = grid.order[k] if k >= 0 else NO_MATCH
-    return reason, iterations, count, sigma, cost
+    return reason, iterations, count, sigma, cost, near_count, sigma_d, balance

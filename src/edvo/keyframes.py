@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from edvo import se3
 from edvo.config import KeyframesConfig
 from edvo.matching import EdgeIndex
+from edvo.planes import PlaneMap
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,11 +23,14 @@ class Keyframe:
     T_world_key : ndarray of float64, shape (4, 4)
     edges : EdgeIndex
         All its edges; those without depth serve too.
+    planes : PlaneMap
+        The planes that its depth image shows; none where the term is left out.
     """
 
     index: int
     T_world_key: NDArray[np.float64]
     edges: EdgeIndex
+    planes: PlaneMap
 
 
 def is_due(

@@ -16,6 +16,7 @@ from edvo.edges import EdgeBuffers, EdgeImage, EdgePixels, extract_edges
 from edvo.errors import FrameError, TrajectoryError
 from edvo.frame import Frame
 from edvo.keyframes import Keyframe, is_due
+from edvo.planes import PlaneFitter
 from edvo.registration import Alignment, Registration
 from edvo.sampling import sample_edges
 from edvo.trajectory import Trajectory
@@ -120,6 +121,7 @@ class Odometry:
             inlier_px=self.config.status.inlier_px,
             start_stride=self.config.motion.prior_stride,
         )
+        self._fitter = PlaneFitter(camera, self.config.planes)
         self.reset()
 
     def reset(self, T_world_cam: NDArray[np.float64] | None = None) -> None:
@@ -187,14 +189,18 @@ class Odometry:
             reason = f"{len(samples)} edges with depth; {config.registration.min_matches} needed"
             return self._lose(frame.timestamp, reason, len(edges), len(samples), None)
         if self._keyframe is None:
-            return self._begin(frame.timestamp, edges, samples)
+            return self._begin(frame, edges, samples)
+        with clock("planes"):
+            points = self._fitter.points(frame.depth)
         with clock("registration"):
-            starts = self._starts(frame.timestamp)
-            alignment = self._registration.align(self._keyframe.edges, samples, starts)
+            starts, key = self._starts(frame.timestamp), self._keyframe
+            alignment = self._registration.align(
+                key.edges, samples, starts, key.planes, points, self._fitter.term
+            )
         status, reason = self._judge(alignment, frame.timestamp)
         if status is Status.LOST:
             return self._lose(frame.timestamp, reason, len(edges), len(samples), alignment)
-        return self._accept(frame.timestamp, status, reason, edges, samples, alignment)
+        return self._accept(frame, status, reason, edges, samples, alignment)
 
     def skip(self, timestamp: float, reason: str) -> TrackedFrame:
         """Take note of a frame that could not be had, for instance since its file is broken.
@@ -221,14 +227,16 @@ class Odometry:
                 f"{self.camera.width} x {self.camera.height}; give the camera of these images"
             )
 
-    def _begin(self, timestamp: float, edges: EdgeImage, samples: EdgePixels) -> TrackedFrame:
+    def _begin(self, frame: Frame, edges: EdgeImage, samples: EdgePixels) -> TrackedFrame:
         """Take the first usable frame as the first keyframe."""
-        self._set_keyframe(edges)
-        return self._keep(timestamp, Status.TRACKED, "", np.eye(4), -1, True, edges, samples, None)
+        self._set_keyframe(edges, frame)
+        return self._keep(
+            frame.timestamp, Status.TRACKED, "", np.eye(4), -1, True, edges, samples, None
+        )
 
     def _accept(
         self,
-        timestamp: float,
+        frame: Frame,
         status: Status,
         reason: str,
         edges: EdgeImage,
@@ -238,16 +246,17 @@ class Odometry:
         """Move on to the pose found, and to a new keyframe where one is due."""
         assert self._keyframe is not None
         keyframe, T_key_cur = self._keyframe, alignment.T_ref_cur
-        period = self._period(timestamp)
+        period = self._period(frame.timestamp)
         self._velocity = se3.log(se3.inverse(self._T_key_last) @ T_key_cur) / period
         self._T_key_last = T_key_cur
         self._T_world_last = keyframe.T_world_key @ T_key_cur
         share = alignment.inliers / len(samples)
         due = is_due(self.config.keyframes, T_key_cur, share, self._count - keyframe.index)
         if due:
-            self._set_keyframe(edges)
+            self._set_keyframe(edges, frame)
+        index, timestamp = keyframe.index, frame.timestamp
         return self._keep(
-            timestamp, status, reason, T_key_cur, keyframe.index, due, edges, samples, alignment
+            timestamp, status, reason, T_key_cur, index, due, edges, samples, alignment
         )
 
     def _keep(
@@ -306,11 +315,12 @@ class Odometry:
             alignment=alignment,
         )
 
-    def _set_keyframe(self, edges: EdgeImage) -> None:
+    def _set_keyframe(self, edges: EdgeImage, frame: Frame) -> None:
         with self._clock("keyframe"):
             index = self._registration.index(edges.describe(self.camera))
             T_world_key = _rigid(self._T_world_last)
-            self._keyframe = Keyframe(self._count, T_world_key, index)
+            planes = self._fitter.planes(frame.depth)
+            self._keyframe = Keyframe(self._count, T_world_key, index, planes)
             self._T_key_last = np.eye(4)
         logger.debug("frame %d is a keyframe with %d edges", self._count, len(edges))
 

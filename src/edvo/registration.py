@@ -15,9 +15,11 @@ from edvo.camera import Camera
 from edvo.config import MatchingConfig, RegistrationConfig
 from edvo.edges import EdgePixels
 from edvo.matching import Criterion, EdgeIndex
+from edvo.planes import NO_PLANES, NO_POINTS, DepthTerm, PlaneMap, PlanePoints, camera_of
 from edvo.robust import TUNING, WEIGHTS
 
 RESIDUALS = {"divergence": kernels.SIGNED, "distance": kernels.DISTANCE}
+EDGES_ALONE = DepthTerm(weight=0.0, doubt=1.0, min_dot=1.0, limit=0.0, min_points=1)
 STAGES = {"robust-then-normal": (0, 1), "robust": (0, 0), "normal": (1, 1)}
 REASONS = {
     kernels.CONVERGED: "converged",
@@ -69,7 +71,8 @@ class Alignment:
     T_ref_cur : ndarray of float64, shape (4, 4)
         The motion g^r_{r,n}: maps points from the current to the reference camera.
     H : ndarray of float64, shape (6, 6)
-        J^T W J of Eq. (14), over a left perturbation [v, w] of ``T_ref_cur``; px^2.
+        J^T W J of Eq. (14), over a left perturbation [v, w] of ``T_ref_cur``; px^2. Includes
+        what depth adds.
     matches : ndarray of int32, shape (N,)
         Reference edge of each sample; -1 where it has none.
     residuals : ndarray of float64, shape (N,)
@@ -78,6 +81,12 @@ class Alignment:
         Matches with a residual below ``StatusConfig.inlier_px``.
     sigma_px : float
         Scale of the residuals.
+    plane_points : int
+        Points of the depth image that lie near a plane of the reference.
+    sigma_depth : float
+        Scale of their distances, in units of the sensor's noise.
+    depth_balance : float
+        What they counted against the edges; 0 where edges counted alone.
     cost : float
         Mean robust loss.
     iterations : int
@@ -96,6 +105,9 @@ class Alignment:
     residuals: NDArray[np.float64]
     inliers: int
     sigma_px: float
+    plane_points: int
+    sigma_depth: float
+    depth_balance: float
     cost: float
     iterations: int
     converged: bool
@@ -144,9 +156,7 @@ class Registration:
         self._stride = np.int64(start_stride)
         self._cell_px = matching.cell_px
         self._first, self._last = STAGES[matching.criterion]
-        self._pinhole = kernels.Pinhole(
-            camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height
-        )
+        self._pinhole = camera_of(camera)
         limits = (camera.width, matching.max_distance_px, matching.max_angle_deg)
         self._robust = Criterion(matching.gamma, *limits).compile()
         self._normal = Criterion(0.0, *limits).compile()
@@ -180,7 +190,13 @@ class Registration:
         return EdgeIndex(edges, "grid", self._cell_px)
 
     def align(
-        self, reference: EdgeIndex, samples: EdgePixels, starts: NDArray[np.float64]
+        self,
+        reference: EdgeIndex,
+        samples: EdgePixels,
+        starts: NDArray[np.float64],
+        planes: PlaneMap = NO_PLANES,
+        points: PlanePoints = NO_POINTS,
+        term: DepthTerm = EDGES_ALONE,
     ) -> Alignment:
         """Find the motion between the reference and the current camera.
 
@@ -192,6 +208,12 @@ class Registration:
             N edges of the current image, with depth.
         starts : ndarray of float64, shape (K, 4, 4)
             Guesses of ``T_ref_cur``; the one with the lowest cost is taken.
+        planes : PlaneMap, optional
+            Of the reference depth image.
+        points : PlanePoints, optional
+            Of the current depth image; without them edges count alone.
+        term : DepthTerm, optional
+            What points and planes count.
 
         Returns
         -------
@@ -201,7 +223,7 @@ class Registration:
         T, H = np.empty((4, 4)), np.zeros((6, 6))
         matches, packed = np.empty(n, np.int32), np.empty(n)
         history = np.empty((self._solver.max_iterations, kernels.HISTORY))
-        code, iterations, count, sigma, cost = kernels.align(
+        code, iterations, count, sigma, cost, on_planes, sigma_depth, balance = kernels.align(
             reference.grid,
             samples.points(self._camera),
             samples.gradients,
@@ -213,6 +235,9 @@ class Registration:
             self._last,
             self._solver,
             self._stride,
+            planes,
+            points,
+            term,
             T,
             H,
             matches,
@@ -228,6 +253,9 @@ class Registration:
             residuals=residuals,
             inliers=int(np.count_nonzero(np.abs(packed[:count]) < self._inlier_px)),
             sigma_px=sigma,
+            plane_points=on_planes,
+            sigma_depth=sigma_depth,
+            depth_balance=balance,
             cost=cost,
             iterations=iterations,
             converged=code in (kernels.CONVERGED, kernels.STALLED),

@@ -1,0 +1,132 @@
+"""Planes in depth images, and points that are to lie on them: the point-to-plane term.
+
+Not in the paper, whose edges say little where texture is missing: there depth constrains what
+they do not. The inverse depth of a plane is linear in the pixel, and the noise of a disparity
+does not depend on the depth, so planes are fitted to inverse depth.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edvo import kernels
+from edvo.camera import Camera
+from edvo.config import PlanesConfig
+from edvo.edges import NO_TABLE
+from edvo.kernels import DepthTerm, PlaneMap, PlanePoints
+from edvo.sensor import DEPTH_NOISE
+
+__all__ = ["NO_PLANES", "NO_POINTS", "DepthTerm", "PlaneFitter", "PlaneMap", "PlanePoints"]
+
+NO_PLANES = PlaneMap(np.zeros((0, 3)), np.zeros(0), 0, 0, 1.0)
+NO_POINTS = PlanePoints(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+
+
+class PlaneFitter:
+    """Finds planes in the depth images of one camera.
+
+    Parameters
+    ----------
+    camera : Camera
+        Of the depth images; if its lens distorts, planes are fitted in ideal pixels.
+    config : PlanesConfig
+    """
+
+    def __init__(self, camera: Camera, config: PlanesConfig) -> None:
+        self._config = config
+        self._noise = DEPTH_NOISE[config.sensor]
+        self._table = camera.undistortion_table() if camera.is_distorted else NO_TABLE
+        self._pinhole = camera_of(camera)
+        self._rows = (camera.height - 1) // config.map_step_px + 1
+        self._cols = (camera.width - 1) // config.map_step_px + 1
+        self._map_nodes = _nodes(camera, config.map_step_px, 0)
+        self._point_nodes = _nodes(camera, config.point_step_px, config.point_step_px // 2)
+        self.term = DepthTerm(
+            weight=config.weight,
+            doubt=config.doubt,
+            min_dot=math.cos(math.radians(config.max_angle_deg)),
+            limit=config.max_distance,
+            min_points=config.min_points,
+        )
+
+    @property
+    def is_on(self) -> bool:
+        """Whether depth counts at all."""
+        return self.term.weight > 0
+
+    def planes(self, depth: NDArray[np.float32]) -> PlaneMap:
+        """Find the planes of a keyframe.
+
+        Parameters
+        ----------
+        depth : ndarray of float32, shape (H, W)
+            Metres, 0 where missing.
+
+        Returns
+        -------
+        PlaneMap
+            With none in it where the term is left out.
+        """
+        if not self.is_on:
+            return NO_PLANES
+        normals, offsets, _, _ = self._fit(depth, self._map_nodes)
+        return PlaneMap(normals, offsets, self._rows, self._cols, float(self._config.map_step_px))
+
+    def points(self, depth: NDArray[np.float32]) -> PlanePoints:
+        """Choose points of a frame, spread evenly over where its depth is flat.
+
+        Parameters
+        ----------
+        depth : ndarray of float32, shape (H, W)
+            Metres, 0 where missing.
+
+        Returns
+        -------
+        PlanePoints
+            M points, each freed of noise by the plane fitted round it; none where the term is
+            left out.
+        """
+        if not self.is_on:
+            return NO_POINTS
+        normals, offsets, centres, sigma = self._fit(depth, self._point_nodes)
+        flat = offsets > 0
+        return PlanePoints(centres[flat], normals[flat], sigma[flat])
+
+    def _fit(
+        self, depth: NDArray[np.float32], nodes: NDArray[np.int32]
+    ) -> tuple[NDArray[np.float64], ...]:
+        """Normals, offsets, centres and noise, one for each node."""
+        count = len(nodes)
+        height, width = depth.shape
+        at = np.clip(nodes[:, 1], 0, height - 1), np.clip(nodes[:, 0], 0, width - 1)
+        sigma = self._noise.sigma_z(depth[at])
+        normals, offsets, centres = np.zeros((count, 3)), np.zeros(count), np.zeros((count, 3))
+        config = self._config
+        kernels.fit_planes(
+            depth,
+            nodes,
+            sigma,
+            self._table,
+            self._pinhole,
+            config.reach_px,
+            config.stride_px,
+            config.flatness,
+            normals,
+            offsets,
+            centres,
+        )
+        return normals, offsets, centres, sigma
+
+
+def camera_of(camera: Camera) -> kernels.Pinhole:
+    """Give the ideal camera that the kernels take."""
+    return kernels.Pinhole(camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height)
+
+
+def _nodes(camera: Camera, step: int, first: int) -> NDArray[np.int32]:
+    """Raw pixels whose ideal ones are ``step`` apart, shape (rows * cols, 2); row by row."""
+    v, u = np.mgrid[first : camera.height : step, first : camera.width : step]
+    ideal = np.stack([u.ravel(), v.ravel()], axis=1).astype(np.float64)
+    raw = camera.distort(ideal) if camera.is_distorted else ideal
+    return np.rint(raw).astype(np.int32)

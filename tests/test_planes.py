@@ -1,0 +1,215 @@
+"""The point-to-plane term: planes against analytic ones, distances against plain NumPy."""
+
+import numpy as np
+import pytest
+
+from edvo import kernels, se3
+from edvo.camera import Camera
+from edvo.config import Config, PlanesConfig
+from edvo.odometry import Odometry, Status
+from edvo.planes import PlaneFitter, PlaneMap, PlanePoints
+from edvo.synthesis.sequence import SyntheticSource, make_recipe
+
+CAMERA = Camera(width=320, height=240, fx=260.0, fy=255.0, cx=158.3, cy=121.9)
+BENT = Camera(
+    width=320,
+    height=240,
+    fx=260.0,
+    fy=255.0,
+    cx=158.3,
+    cy=121.9,
+    distortion=(0.1, -0.2, 1e-3, -2e-3, 0.05),
+)
+PLANE = np.array([0.3, -0.2, 0.93])
+
+
+def depth_of(camera, normal, offset):
+    """Depth image of the plane normal . X = offset."""
+    v, u = np.mgrid[: camera.height, : camera.width]
+    raw = np.stack([u.ravel(), v.ravel()], 1).astype(np.float64)
+    rays = camera.backproject(raw, np.ones(len(raw)))
+    return (offset / (rays @ normal)).reshape(camera.height, camera.width).astype(np.float32)
+
+
+def unit(vector):
+    return np.asarray(vector) / np.linalg.norm(vector)
+
+
+@pytest.mark.parametrize("camera", [CAMERA, BENT], ids=["ideal", "distorted"])
+def test_an_exact_plane_is_found(camera):
+    normal, offset = unit(PLANE), 1.8
+    points = PlaneFitter(camera, PlanesConfig()).points(depth_of(camera, normal, offset))
+    assert len(points.sigma) > 200
+    np.testing.assert_allclose(points.X @ normal, offset, atol=2e-6)
+    np.testing.assert_allclose(points.normals @ normal, 1, atol=1e-7)
+
+
+@pytest.mark.parametrize("camera", [CAMERA, BENT], ids=["ideal", "distorted"])
+def test_points_of_a_frame_lie_on_the_planes_of_the_same_frame(camera):
+    depth = depth_of(camera, unit(PLANE), 1.8)
+    fitter = PlaneFitter(camera, PlanesConfig())
+    planes, points = fitter.planes(depth), fitter.points(depth)
+    found = kernels.new_plane_matches(len(points.sigma))
+    pinhole = kernels.Pinhole(camera.fx, camera.fy, camera.cx, camera.cy, 320, 240)
+    count = kernels.match_planes(planes, points, pinhole, np.eye(4), fitter.term, found)
+    assert count > 0.9 * len(points.sigma)
+    np.testing.assert_allclose(found.residuals[:count], 0, atol=2e-3)  # of the noise
+
+
+def test_noise_averages_out_in_the_window():
+    rng = np.random.default_rng(0)
+    normal, offset = unit(PLANE), 1.8
+    fitter = PlaneFitter(CAMERA, PlanesConfig())
+    depth = depth_of(CAMERA, normal, offset)
+    sigma = fitter._noise.sigma_z(depth)
+    points = fitter.points((depth + sigma * rng.standard_normal(depth.shape)).astype(np.float32))
+    off = (points.X @ normal - offset) / points.sigma
+    assert 0.1 < np.std(off) < 0.35  # of 25 pixels: a fifth
+    assert abs(np.mean(off)) < 0.05
+
+
+def test_there_is_no_plane_across_a_step_or_a_hole():
+    depth = np.full((240, 320), 2.0, np.float32)
+    depth[:, 160:] = 1.0
+    depth[100:140, 40:80] = 0
+    points = PlaneFitter(CAMERA, PlanesConfig()).points(depth)
+    u, v = CAMERA.project(points.X).T
+    assert len(points.sigma) > 100
+    assert not (np.abs(u - 159.5) < 7.5).any()
+    assert not ((u > 38) & (u < 81) & (v > 98) & (v < 141)).any()
+
+
+def test_a_frame_without_depth_has_no_points():
+    fitter = PlaneFitter(CAMERA, PlanesConfig())
+    assert len(fitter.points(np.zeros((240, 320), np.float32)).sigma) == 0
+    assert not fitter.planes(np.zeros((240, 320), np.float32)).offsets.any()
+
+
+def random_scene(rng):
+    """Planes of random directions on a grid, and points that lie about them."""
+    rows, cols, step = 8, 10, 32.0
+    normals = rng.normal([0, 0, 3], 0.3, (rows * cols, 3))
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    offsets = rng.uniform(1.5, 1.6, rows * cols)
+    offsets[rng.random(rows * cols) < 0.2] = 0
+    planes = PlaneMap(normals, offsets, rows, cols, step)
+    pixels = rng.uniform([-20, -20], [340, 260], (300, 2))
+    X = CAMERA.backproject(pixels, rng.uniform(1.4, 1.7, 300))
+    n = rng.normal([0, 0, 3], 0.3, (300, 3))
+    points = PlanePoints(X, n / np.linalg.norm(n, axis=1)[:, None], rng.uniform(2e-3, 8e-3, 300))
+    return planes, points
+
+
+def distances_by_numpy(planes, points, camera, T, term):
+    """What match_planes computes: (normal over noise, Y, distance over noise)."""
+    Y = points.X @ T[:3, :3].T + T[:3, 3]
+    pixel = Y[:, :2] / Y[:, 2:] * [camera.fx, camera.fy] + [camera.cx, camera.cy]
+    col, row = np.floor(pixel / planes.step + 0.5).astype(int).T
+    inside = (col >= 0) & (col < planes.cols) & (row >= 0) & (row < planes.rows)
+    k = np.where(inside, row * planes.cols + col, 0)
+    normal = planes.normals[k]
+    turned = points.normals @ T[:3, :3].T
+    along = np.einsum("ij,ij->i", normal, Y)
+    noise = points.sigma * np.maximum(np.abs(along) / Y[:, 2], 0.1)
+    r = (along - planes.offsets[k]) / noise
+    kept = inside & (planes.offsets[k] > 0) & (Y[:, 2] > kernels.MIN_DEPTH)
+    kept &= (np.einsum("ij,ij->i", normal, turned) >= term.min_dot) & (np.abs(r) <= term.limit)
+    return normal[kept] / noise[kept, None], Y[kept], r[kept]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_matching_equals_its_numpy_twin(seed):
+    rng = np.random.default_rng(seed)
+    planes, points = random_scene(rng)
+    T = se3.exp(rng.normal(0, 0.05, 6))
+    term = PlaneFitter(CAMERA, PlanesConfig()).term
+    pinhole = kernels.Pinhole(CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy, 320, 240)
+    found = kernels.new_plane_matches(300)
+    count = kernels.match_planes(planes, points, pinhole, T, term, found)
+    normal, Y, r = distances_by_numpy(planes, points, CAMERA, T, term)
+    assert count == len(r) > 50
+    np.testing.assert_allclose(found.residuals[:count], r, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(found.normal[:count], normal, rtol=1e-9)
+    np.testing.assert_allclose(found.Y[:count], Y, rtol=1e-12)
+
+
+def test_the_equations_are_those_of_finite_differences():
+    rng = np.random.default_rng(7)
+    planes, points = random_scene(rng)
+    T = se3.exp(rng.normal(0, 0.05, 6))
+    term = PlaneFitter(CAMERA, PlanesConfig()).term
+    pinhole = kernels.Pinhole(CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy, 320, 240)
+    found = kernels.new_plane_matches(300)
+    count = kernels.match_planes(planes, points, pinhole, T, term, found)
+    sigma = 12.0
+    H, b = np.empty((6, 6)), np.empty(6)
+    kernels.plane_equations(found, count, sigma, H, b)
+    normal, Y, r = found.normal[:count], found.Y[:count], found.residuals[:count]
+    J = np.empty((count, 6))
+    for k in range(6):
+        delta = np.zeros(6)
+        delta[k] = 1e-5
+        ahead, behind = se3.exp(delta), se3.exp(-delta)
+        moved = Y @ (ahead - behind)[:3, :3].T + (ahead - behind)[:3, 3]
+        J[:, k] = np.einsum("ij,ij->i", normal, moved) / 2e-5
+    w = np.maximum(1 - (r / sigma / kernels.TUKEY_TUNING) ** 2, 0) ** 2
+    np.testing.assert_allclose(H, J.T @ (w[:, None] * J), rtol=1e-4, atol=1e-2)
+    np.testing.assert_allclose(b, J.T @ (w * r), rtol=1e-4, atol=1e-2)
+    # the weight is the derivative of the loss over the residual
+    cost = kernels.plane_cost(found, count, 300, sigma)
+    found.residuals[:count] += 1e-6
+    slope = (kernels.plane_cost(found, count, 300, sigma) - cost) / 1e-6
+    np.testing.assert_allclose(slope, (w * r).sum() / sigma**2, rtol=1e-4)
+
+
+@pytest.fixture(scope="module")
+def panels():
+    """Plain panels, seen by a noisy sensor."""
+    source = SyntheticSource(make_recipe("notexture_near", frames=24, seed=2))
+    return source, [source.read(i).frame for i in range(24)]
+
+
+def last_error(source, frames, config):
+    odometry = Odometry(source.camera, config)
+    tracked = [odometry.track(frame) for frame in frames]
+    assert all(frame.status is not Status.LOST for frame in tracked)
+    truth = [source.ground_truth.at(frame.timestamp) for frame in frames]
+    errors = [
+        np.linalg.norm((se3.inverse(se3.inverse(truth[0]) @ T) @ t.T_world_cam)[:3, 3])
+        for T, t in zip(truth, tracked, strict=True)
+    ]
+    return float(np.sqrt(np.mean(np.square(errors)))), tracked
+
+
+def test_depth_steadies_what_edges_leave_open(panels):
+    alone, _ = last_error(*panels, Config().with_overrides(["planes.weight=0"]))
+    both, tracked = last_error(*panels, Config())
+    assert both < 0.7 * alone
+    assert both < 0.002
+    found = tracked[-1].alignment
+    assert found.plane_points > 300
+    assert 0 < found.depth_balance < 1
+    assert 0.1 < found.sigma_depth < 1.0
+
+
+def test_without_the_term_depth_counts_nothing(panels):
+    source, frames = panels
+    odometry = Odometry(source.camera, Config.preset("paper"))
+    tracked = [odometry.track(frame) for frame in frames[:3]]
+    assert tracked[-1].alignment.plane_points == 0
+    assert tracked[-1].alignment.depth_balance == 0
+
+
+def test_the_more_its_residuals_exceed_the_noise_the_less_depth_counts(panels):
+    source, frames = panels
+    balance = []
+    for size in (0.0, 0.02, 0.06):
+        bent = []
+        for k, frame in enumerate(frames[:4]):  # what no rigid motion explains, other each time
+            v, u = np.mgrid[: source.camera.height, : source.camera.width]
+            wave = 1 + size * np.sin(u / 60.0 + k) * np.sin(v / 60.0 + 2 * k)
+            depth = (frame.depth * wave).astype(np.float32)
+            bent.append(type(frame)(frame.timestamp, frame.grey, depth))
+        odometry = Odometry(source.camera, Config())
+        balance.append([odometry.track(frame) for frame in bent][-1].alignment.depth_balance)
+    assert balance[0] > 1.3 * balance[1] > 1.3**2 * balance[2]
