@@ -174,7 +174,7 @@ def compare(
         list[str],
         typer.Argument(
             help="Recordings, folders of recordings, or synth:SCENE for a rendered scene.",
-            metavar="SOURCE...",
+            metavar="SOURCE",
         ),
     ],
     peers: Annotated[
