@@ -115,6 +115,21 @@ def test_speed_is_said_as_a_ratio() -> None:
     assert [times(9.94), times(9.96), times(14.4), times(1.25)] == ["9.9x", "10x", "14x", "1.2x"]
 
 
+def test_of_many_only_the_quickest_and_the_slowest_are_named() -> None:
+    comparison = compared(
+        scaled("edvo-default", 0.9, kind="edvo", wait=0.004),
+        scaled("quick", 0.9),
+        *(scaled(f"slow{i}", 0.9, wait=0.004 * i) for i in range(2, 8)),
+        source=FakeSource(12),
+    )
+    line = verdicts(comparison)[0]
+    assert "slower than quick" in line
+    assert "faster than the other 6" in line
+    assert "(slow2) to " in line
+    assert "(slow7)" in line
+    assert "slow4" not in line
+
+
 def test_several_runs_show_the_one_in_the_middle_and_the_worst() -> None:
     scales = {5: 0.9, 6: 0.99, 7: -3.0}
     some = system("some", lambda camera, seed: FakeTracker(scales[seed]), repeats=3)

@@ -365,7 +365,7 @@ def _ms(seconds: float) -> str:
 def _ratio(value: float) -> str:
     if not math.isfinite(value):
         return _NONE
-    return f"{value:.1f}x" if value >= 10 else f"{value:.2f}x"
+    return f"{value:.{0 if value >= 100 else 1 if value >= 10 else 2}f}x"
 
 
 def _time_ratios(comparison: Comparison, row: Row) -> str:
