@@ -144,7 +144,7 @@ class DirectAligner:
             rows = np.empty((len(points), kernels.ROW), np.float32)
             seen = pairs[: linearise(T_cur_ref, rows)]
         # what is matched must look alike: differences alone are small in a dark image also
-        correlation = np.corrcoef(seen.T)[0, 1]
+        correlation = float(np.atleast_2d(np.corrcoef(seen.T))[0, 1])
         return se3.inverse(T_cur_ref) if correlation > MIN_CORRELATION else None
 
 
@@ -156,7 +156,8 @@ def direct_odometry(camera: Camera, *, keyframes: KeyframeRule | None = None) ->
     camera : Camera
         Of the frames to come; frames of a lens that distorts are undistorted first.
     keyframes : KeyframeRule, optional
-        0.10 m or 8 degrees by default: farther ones lose the panels without texture; `edvo.baselines.pairwise.FRAME_TO_FRAME` for none.
+        0.10 m or 8 degrees by default, since farther ones lose the panels without texture;
+        `edvo.baselines.pairwise.FRAME_TO_FRAME` for none.
 
     Returns
     -------

@@ -27,7 +27,8 @@ from edvo.frame import Frame
 from edvo.kernels import Pinhole
 from edvo.sampling import sample_edges
 
-ROBUST = Robust(nu=2.0, floor=1e-3, min_rows=30, max_iterations=50, stop=0.03)
+FINE = Robust(nu=2.0, floor=1e-3, min_rows=30, max_iterations=50, stop=0.03)
+WIDE = replace(FINE, floor=5.0, stop=0.1)  # px; lets far edges pull first, as a coarse image would
 MIN_GAIN = 0.45  # share of inliers beyond what chance gives, over what it leaves to gain
 KEYFRAMES = KeyframeRule(0.30, 15.0)  # edvo's own; better on all three sequences than 0.10 m, 8 deg
 NO_DISTORTION = (0.0, 0.0, 0.0, 0.0, 0.0)
@@ -64,17 +65,20 @@ class EdgeDistanceAligner:
         Its pinhole part; frames must be free of distortion.
     config : Config, optional
         Edges, sub-sampling and the share of inliers; edvo's own where not given.
-    robust : Robust
-        Weights and stopping, residuals in pixels.
+    stages : tuple of Robust
+        Weights and stopping, residuals in pixels; each starts where the one before ends.
     """
 
     def __init__(
-        self, camera: Camera, config: Config | None = None, robust: Robust = ROBUST
+        self,
+        camera: Camera,
+        config: Config | None = None,
+        stages: tuple[Robust, ...] = (WIDE, FINE),
     ) -> None:
         self.name = "edge-dt"
         self._camera = replace(camera, distortion=NO_DISTORTION)
         self._config = config or Config()
-        self._robust = robust
+        self._stages = stages
         self._pinhole = Pinhole(
             camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height
         )
@@ -112,14 +116,17 @@ class EdgeDistanceAligner:
         def linearise(T: NDArray[np.float64], rows: NDArray[np.float32]) -> int:
             return kernels.distance_rows(reference.field, current.points, T, self._pinhole, rows)
 
-        found = fit(linearise, T_ref_guess, len(current.points), self._robust)
-        if found is None:
-            return None
+        T = T_ref_guess
+        for robust in self._stages:
+            found = fit(linearise, T, len(current.points), robust)
+            if found is None:
+                return None
+            T = found.T
         rows = np.empty((len(current.points), kernels.ROW), np.float32)
-        count = linearise(found.T, rows)
+        count = linearise(T, rows)
         inliers = np.count_nonzero(rows[:count, 0] < self._config.status.inlier_px)
         gain = inliers / len(current.points) - reference.chance
-        return found.T if gain >= MIN_GAIN * (1 - reference.chance) else None
+        return T if gain >= MIN_GAIN * (1 - reference.chance) else None
 
 
 def edge_distance_odometry(
