@@ -87,7 +87,8 @@ def run(bench: Bench) -> Outcome:
                 continue
             fits = fit_gaussian(values), fit_student(values, PAPER_NU), fit_student(values)
             found.append(Residuals(sequence, iteration, values, *fits))
-    shown = [r for r in found if (r.sequence.name, r.iteration) in SHOWN]
+    by_key = {(r.sequence.name, r.iteration): r for r in found}
+    shown = [by_key[key] for key in SHOWN if key in by_key]
     return Outcome(
         EXPERIMENT.name,
         EXPERIMENT.title,
