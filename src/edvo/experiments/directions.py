@@ -10,7 +10,7 @@ from edvo.report.plots import edge_picture
 
 RADIUS_PX = 4  # of the window that an edge's direction is taken from
 LEAST_PIXELS = 5  # of the edge in that window
-STRAIGHT_PX = 0.75  # rms distance from the line, up to which a piece of edge has a direction
+STRAIGHT_PX = 0.5  # rms distance from the line, up to which a piece of edge has a direction
 
 _RING = np.ones((3, 3), np.uint8)
 

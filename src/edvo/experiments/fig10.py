@@ -14,8 +14,9 @@ from edvo.experiments.selection import videos
 from edvo.experiments.sequences import Loaded, Sequence, short_name
 
 GAPS = (1, 2, 5, 10, 15, 20, 30, 45)
-GAPS_QUICK = (1, 5, 15, 30)
+GAPS_QUICK = (1, 2, 5, 15, 30)
 LARGE = 10  # frames; from here on a gap is called large
+FURTHEST = {"tracked": 1000, "skipped": 5}  # frames; up to where iterations are judged
 SURGE = 1.2  # times the iterations at the smallest gap
 ALIKE = 0.97  # times: a smaller difference in drift is none
 
@@ -26,7 +27,8 @@ HOW = """Every frame is registered with a keyframe that is replaced every so man
 (`keyframes.rule=gap`), by the preset `paper`, from a constant velocity or the last pose, whichever
 fits better. Since that start is near, however far the keyframe is, a second reading is shown as
 well: the frames between are left out, so that each frame is registered with one that is so many
-frames away, from no motion at all. The error is the RMSE of the relative pose error over 1 s, the
+frames away, from no motion at all; it is judged up to a gap of 5, since beyond it both criteria
+mostly end in wrong minima, soon or late, as the drift in the table shows. The error is the RMSE of the relative pose error over 1 s, the
 mean over seeds of the sampling. Lost frames have no pose: their share stands beside. The paper
 does not say which sequence its figure shows, and gives no numbers."""
 
@@ -308,21 +310,23 @@ def _judge_steps(grids: dict[str, Grid], reading: str) -> Finding:
     for name, grid in grids.items():
         # where too few frames are left, there may be no registration
         gaps = [
-            g for g in _gaps(grid) if all(len(grid[reading, c, g].iterations) for c in CRITERIA)
+            gap
+            for gap in _gaps(grid)
+            if gap <= FURTHEST[reading]
+            and all(len(grid[reading, criterion, gap].iterations) for criterion in CRITERIA)
         ]
         (n1, n2), (r1, r2) = (
             [grid[reading, criterion, gap].steps for gap in (gaps[0], gaps[-1])]
             for criterion in ("normal", "robust")
         )
-        surges = n2 / n1 >= SURGE and n2 / n1 > r2 / r1
         numbers = (
             f"normal {n1:.1f} to {n2:.1f} ({100 * (n2 / n1 - 1):+.0f} %), robust {r1:.1f} to "
             f"{r2:.1f} ({100 * (r2 / r1 - 1):+.0f} %) from a gap of {gaps[0]} to {gaps[-1]}"
         )
-        said[name] = (surges and r2 < n2, numbers)
+        said[name] = (n2 >= SURGE * n1 and r2 < n2 and r2 - r1 < n2 - n1, numbers)
     return _finding(
         "With the gap the iterations of the normal criterion surge, those of the robust one stay "
-        f"fewer and steadier ({READINGS[reading]}).",
+        f"fewer and rise less ({READINGS[reading]}).",
         said,
     )
 
