@@ -10,7 +10,7 @@ from edvo.camera import Camera
 from edvo.errors import MissingExtraError
 from edvo.evaluation import evaluate
 from edvo.report.compare import Comparison, System, compare_source
-from edvo.report.compare_rank import ordinal, summary_verdicts, times, verdicts
+from edvo.report.compare_rank import _speed, ordinal, summary_verdicts, times, verdicts
 from edvo.report.compare_rule import failed, judge
 from edvo.trajectory import Trajectory
 
@@ -113,6 +113,13 @@ def test_speed_is_said_as_a_ratio() -> None:
     assert 3.5 < comparison.time_ratio(slow) < 6
     assert "faster than slow" in verdicts(comparison)[0]
     assert [times(9.94), times(9.96), times(14.4), times(1.25)] == ["9.9x", "10x", "14x", "1.2x"]
+
+
+def test_processor_time_is_said_where_it_differs() -> None:
+    assert _speed("peer", 12.0, 11.0) == "12x faster than peer"
+    assert _speed("peer", 1.01, 1.2) == "as fast as peer"
+    assert _speed("peer", 4.0, 8.0) == "4.0x faster than peer (by processor time 8.0x faster)"
+    assert _speed("peer", 0.5, 1.0) == "2.0x slower than peer (by processor time as fast)"
 
 
 def test_of_many_only_the_quickest_and_the_slowest_are_named() -> None:

@@ -104,15 +104,16 @@ def _speeds(ratios: Mapping[str, tuple[float, float]]) -> list[str]:
 
 def _speed(name: str, wall: float, cpu: float) -> str:
     """Say how much faster than another, by the wall and, if that differs, by processor time."""
-    if abs(wall - 1) <= _ALIKE:
-        said = f"as fast as {name}"
-    elif wall > 1:
-        said = f"{times(wall)} faster than {name}"
-    else:
-        said = f"{times(1 / wall)} slower than {name}"
+    said = f"{_compared(wall)} {'as' if abs(wall - 1) <= _ALIKE else 'than'} {name}"
     if max(wall, cpu) <= _APART * min(wall, cpu):
         return said
-    return f"{said} ({times(cpu)} by processor time)"
+    return f"{said} (by processor time {_compared(cpu)})"
+
+
+def _compared(ratio: float) -> str:
+    if abs(ratio - 1) <= _ALIKE:
+        return "as fast"
+    return f"{times(ratio)} faster" if ratio > 1 else f"{times(1 / ratio)} slower"
 
 
 def _of_variants(comparison: Comparison, changed: Sequence[Row]) -> list[str]:

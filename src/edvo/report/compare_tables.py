@@ -259,6 +259,7 @@ def _record(comparison: Comparison, row: Row) -> dict[str, Any]:
     return {
         "sequence": comparison.name,
         "system": row.name,
+        "title": row.title,
         "kind": row.kind,
         "rank": comparison.rank(row),
         "failure": row.failure if row.kind != "reference" else "",
