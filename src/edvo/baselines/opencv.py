@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edvo import se3
-from edvo.baselines.pairwise import KeyframeRule, PairwiseOdometry
+from edvo.baselines.pairwise import FRAME_TO_FRAME, KeyframeRule, PairwiseOdometry
 from edvo.camera import Camera
 from edvo.errors import ConfigError, MissingExtraError
 from edvo.frame import Frame
@@ -55,7 +55,8 @@ class OpenCvAligner:
 
     OpenCV 5 starts each registration at no motion. Here the current frame is first drawn as the
     reference camera would see it were the guess right; what OpenCV then finds is added to the
-    guess. Where it finds nothing, it is given the frame as it is.
+    guess. Where it finds nothing, it is given the frame as it is. From frame to frame the order is
+    the other way round: the motion is within OpenCV's own reach, where it measures better.
 
     The guess is turned a little on purpose: OpenCV compares whole pixels, and when the drawn view
     lies right on the reference all of them round alike, so that steps below half a pixel change
@@ -67,6 +68,8 @@ class OpenCvAligner:
         Its pinhole part; frames must be free of distortion.
     kind : str
         One of `KINDS`.
+    guess_first : bool
+        Whether the guess is tried before no motion at all, or after it.
 
     Raises
     ------
@@ -76,7 +79,7 @@ class OpenCvAligner:
         If the installed OpenCV has no ``Odometry``.
     """
 
-    def __init__(self, camera: Camera, kind: str) -> None:
+    def __init__(self, camera: Camera, kind: str, *, guess_first: bool = True) -> None:
         if kind not in _KINDS:
             raise ConfigError(f"OpenCV odometry '{kind}'; known: {', '.join(KINDS)}")
         if not hasattr(cv2, "Odometry"):
@@ -87,6 +90,7 @@ class OpenCvAligner:
             )
         self.name = f"opencv-{kind}"
         self._camera = camera
+        self._guess_first = guess_first
         library = cast(Any, cv2)
         settings = library.OdometrySettings()
         settings.setCameraMatrix(camera.matrix.astype(np.float32))
@@ -105,14 +109,28 @@ class OpenCvAligner:
     def align(
         self, reference: Any, current: Any, T_ref_guess: NDArray[np.float64]
     ) -> NDArray[np.float64] | None:
-        """Give ``T_ref_cur`` by descent from the guess, then from none; None where both fail."""
-        fixed = self._pyramids_of(reference)
+        """Give ``T_ref_cur`` by descent from the guess or from none; None where both fail."""
+        attempts = (self._from_guess, self._from_none)
+        for attempt in attempts if self._guess_first else reversed(attempts):
+            T_ref_cur = attempt(reference, current, T_ref_guess)
+            if T_ref_cur is not None:
+                return T_ref_cur
+        return None
+
+    def _from_guess(
+        self, reference: _Prepared, current: _Prepared, T_ref_guess: NDArray[np.float64]
+    ) -> NDArray[np.float64] | None:
         T_ref_start = _ROLL @ T_ref_guess
-        grey, depth = self._view(reference, current.frame, T_ref_start)
-        found, T_start_cur = self._odometry.compute(self._pyramids(grey, depth), fixed)
-        if found:
-            return np.asarray(np.array(T_start_cur, np.float64) @ T_ref_start)
-        found, T_ref_cur = self._odometry.compute(self._pyramids_of(current), fixed)
+        view = self._pyramids(*self._view(reference, current.frame, T_ref_start))
+        found, T_start_cur = self._odometry.compute(view, self._pyramids_of(reference))
+        return np.asarray(np.array(T_start_cur, np.float64) @ T_ref_start) if found else None
+
+    def _from_none(
+        self, reference: _Prepared, current: _Prepared, T_ref_guess: NDArray[np.float64]
+    ) -> NDArray[np.float64] | None:
+        found, T_ref_cur = self._odometry.compute(
+            self._pyramids_of(current), self._pyramids_of(reference)
+        )
         return np.array(T_ref_cur, np.float64) if found else None
 
     def _pyramids_of(self, prepared: _Prepared) -> Any:
@@ -182,4 +200,5 @@ def opencv_odometry(
     MissingExtraError
         If the installed OpenCV has no ``Odometry``.
     """
-    return PairwiseOdometry(camera, OpenCvAligner(camera, kind), keyframes=keyframes)
+    aligner = OpenCvAligner(camera, kind, guess_first=keyframes != FRAME_TO_FRAME)
+    return PairwiseOdometry(camera, aligner, keyframes=keyframes)
