@@ -1,5 +1,6 @@
 """OpenCV's odometry follows a known motion, and is lost by edvo's own rules."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import cv2
@@ -8,12 +9,13 @@ import pytest
 from numpy.typing import NDArray
 
 from edvo import se3
-from edvo.baselines.opencv import KINDS, opencv_odometry
+from edvo.baselines.opencv import KINDS, OpenCvAligner, opencv_odometry
 from edvo.baselines.pairwise import FRAME_TO_FRAME, KeyframeRule, PairwiseOdometry
 from edvo.camera import Camera
 from edvo.errors import ConfigError, FrameError, MissingExtraError
 from edvo.frame import Frame
 from edvo.odometry import Status
+from edvo.synthesis.sequence import SyntheticSource, make_recipe
 
 CAMERA = Camera(width=320, height=240, fx=260.0, fy=260.0, cx=159.5, cy=119.5)
 STEP_M = 0.02
@@ -45,6 +47,52 @@ def frame_at(step: int, t: float) -> Frame:
     )
 
 
+Office = Callable[[int], tuple[Frame, NDArray[np.float64]]]
+
+
+@pytest.fixture(scope="module")
+def office() -> Office:
+    """Show a furnished room, which has shape for depth alone, and the true pose."""
+    source = SyntheticSource(make_recipe("office", frames=31, camera=CAMERA))
+
+    def at(index: int) -> tuple[Frame, NDArray[np.float64]]:
+        frame = source.read(index).frame
+        assert frame is not None
+        return frame, source.ground_truth.at(frame.timestamp)
+
+    return at
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("index", [2, 15])
+def test_arrives_from_a_guess_nearby(kind: str, index: int, office: Office) -> None:
+    (reference, T_world_ref), (current, T_world_cur) = office(0), office(index)
+    T_ref_cur = se3.inverse(T_world_ref) @ T_world_cur
+    aligner = OpenCvAligner(CAMERA, kind)
+    away = se3.exp(np.array([0.01, -0.01, 0.01, 0.005, -0.005, 0.005]))
+    found = aligner.align(aligner.prepare(reference), aligner.prepare(current), T_ref_cur @ away)
+    assert found is not None
+    error = se3.inverse(T_ref_cur) @ found
+    assert np.linalg.norm(error[:3, 3]) < 0.008  # of 0.15 m; the guess is off by 0.017
+    assert np.degrees(se3.rotation_angle(error)) < 0.25
+
+
+@pytest.mark.parametrize("kind", ["depth", "rgbd", "fast-depth"])
+def test_without_the_guess_a_large_motion_is_not_found(kind: str, office: Office) -> None:
+    (reference, _), (current, _) = office(0), office(30)
+    aligner = OpenCvAligner(CAMERA, kind)
+    assert aligner.align(aligner.prepare(reference), aligner.prepare(current), np.eye(4)) is None
+
+
+def test_a_guess_that_sees_nothing_falls_back_on_none(office: Office) -> None:
+    (reference, T_world_ref), (current, T_world_cur) = office(0), office(2)
+    aligner = OpenCvAligner(CAMERA, "rgbd")
+    behind = se3.exp(np.array([0.0, 0.0, 0.0, 0.0, np.pi, 0.0]))
+    found = aligner.align(aligner.prepare(reference), aligner.prepare(current), behind)
+    assert found is not None
+    np.testing.assert_allclose(found, se3.inverse(T_world_ref) @ T_world_cur, atol=5e-3)
+
+
 def blank(t: float) -> Frame:
     """Give a frame in which there is nothing to see and hardly a depth."""
     depth = np.zeros((CAMERA.height, CAMERA.width), np.float32)
@@ -59,7 +107,11 @@ def follow(tracker: PairwiseOdometry, steps: int) -> list[float]:
     return [float(result.T_world_cam[0, 3]) for result in results]
 
 
-@pytest.mark.parametrize("kind", KINDS)
+# A plane slides within itself: depth alone does not see it.
+SEEING = ("rgb", "rgbd", "fast-rgbd")
+
+
+@pytest.mark.parametrize("kind", SEEING)
 @pytest.mark.parametrize("rule", [None, FRAME_TO_FRAME])
 def test_follows_a_slide(kind: str, rule: KeyframeRule | None) -> None:
     tracker = opencv_odometry(CAMERA, kind, keyframes=rule)
@@ -146,7 +198,7 @@ def test_refuses_frames_of_another_size() -> None:
 
 
 def test_unknown_kind() -> None:
-    with pytest.raises(ConfigError, match="rgb, rgbd"):
+    with pytest.raises(ConfigError, match="rgb, depth, rgbd, fast-depth, fast-rgbd"):
         opencv_odometry(CAMERA, "stereo")
 
 

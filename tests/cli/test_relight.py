@@ -83,6 +83,15 @@ def test_a_frequency_that_cannot_be(
     assert not (tmp_path / "a").exists()
 
 
+@pytest.mark.parametrize("value", ["nan", "inf"])
+def test_a_jump_that_cannot_be(
+    edvo: Command, whole_sequence: Path, tmp_path: Path, value: str
+) -> None:
+    done = edvo("relight", whole_sequence, tmp_path / "a", "--jump", value)
+    assert_refused(done, "jump", value)
+    assert not (tmp_path / "a").exists()
+
+
 @pytest.mark.parametrize(
     ("arguments", "word"),
     [

@@ -45,6 +45,52 @@ def test_a_sequence_is_written_and_can_be_opened(edvo: Any, tmp_path: Path, came
         assert file.read_bytes() == (tmp_path / "t" / "s" / file.relative_to(target)).read_bytes()
 
 
+def test_a_camera_as_real_ones_are(edvo: Any, tmp_path: Path, camera: Path) -> None:
+    options = ("--frames", 3, "--camera", camera, "--speed", 1.0, "--light", "ambient")
+    assert edvo("synth", "cabinet", tmp_path / "plain", *options).status == 0
+    plain = cv2.imread(str(tmp_path / "plain" / "rgb" / "0.066667.png"))
+    for name, more in {
+        "blurred": ("--exposure", 0.03),
+        "rolling": ("--readout", 0.03),
+        "following": ("--auto-exposure",),
+        "jumping": ("--jump", 0.05),
+    }.items():
+        done = edvo("synth", "cabinet", tmp_path / name, *options, *more)
+        assert done.status == 0, done.err
+        image = cv2.imread(str(tmp_path / name / "rgb" / "0.066667.png"))
+        assert (image != plain).mean() > 0.05, name
+        assert " ".join(map(str, more)) in (tmp_path / name / "README.txt").read_text()
+    done = edvo("synth", "cabinet", tmp_path / "apart", *options, "--depth-delay", 0.01)
+    assert done.status == 0, done.err
+    stamps = [path.stem for path in sorted((tmp_path / "apart" / "depth").iterdir())]
+    delays = [float(stamp) - k / 30 for k, stamp in enumerate(stamps)]
+    assert delays == pytest.approx([0.01] * 3, abs=0.005)
+    assert open_source(tmp_path / "apart").read(1).problem is None
+
+
+def test_a_scene_of_ones_own_with_a_mesh(edvo: Any, tmp_path: Path, camera: Path) -> None:
+    pytest.importorskip("trimesh", reason="reading mesh files needs edvo[mesh]")
+    (tmp_path / "roof.obj").write_text("v -1 0 0\nv 1 0 0\nv 0 0 2\nf 1 2 3\n")
+    scene = tmp_path / "mine.yaml"
+    scene.write_text(
+        "materials: {grey: {albedo: [0.5, 0.5, 0.5]}}\n"
+        "shapes: [{shape: mesh, file: roof.obj, material: grey}]\n"
+        "camera: {points: [[0, -3, 1], [0.1, -3, 1]], targets: [[0, 0, 1], [0, 0, 1]]}\n"
+    )
+    more = ("--frames", 1, "--camera", camera, "--sensor", "ideal", "--trajectory", "still")
+    done = edvo("synth", scene, tmp_path / "s", *more)
+    assert done.status == 0, done.err
+    frame = open_source(tmp_path / "s").read(0).frame
+    assert frame is not None
+    assert 0.05 < (frame.depth > 0).mean() < 0.5
+    assert frame.depth.max() == pytest.approx(3.0, abs=0.1)
+    (tmp_path / "roof.obj").unlink()
+    refused = edvo("synth", scene, tmp_path / "t", *more)
+    assert refused.status == 1
+    assert "roof.obj" in refused.err
+    assert not (tmp_path / "t").exists()
+
+
 def test_a_filled_folder_needs_force(edvo: Any, tmp_path: Path, camera: Path) -> None:
     (tmp_path / "s").mkdir()
     (tmp_path / "s" / "mine.txt").write_text("mine")
@@ -70,6 +116,10 @@ def test_a_filled_folder_needs_force(edvo: Any, tmp_path: Path, camera: Path) ->
         (("office", "x", "--frequency", "0"), ("frequency", "above 0")),
         (("office", "x", "--frequency", "-2"), ("frequency", "above 0")),
         (("office", "x", "--severity", "2"), ("severity",)),
+        (("office", "x", "--light", "ambient", "--jump", "nan"), ("jump", "nan")),
+        (("office", "x", "--exposure", "-0.1"), ("exposure",)),
+        (("office", "x", "--readout", "1"), ("readout",)),
+        (("office", "x", "--depth-delay", "0.5"), ("depth-delay",)),
         (("office", "x", "--seed", "-1"), ("seed",)),
         (("nowhere.yaml", "x"), ("nowhere.yaml",)),
         (("office", "x", "--camera", "nowhere.yaml"), ("nowhere.yaml",)),

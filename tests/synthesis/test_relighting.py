@@ -1,5 +1,6 @@
 import os
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -165,6 +166,31 @@ def test_fading_ends_near_dark_and_noisy() -> None:
     assert dark.mean() < 25
     assert dark.std() > 1.5
     assert (dark != relight(grey, None, None, 5.0, "fade", severity=1.0, seed=2)).any()
+
+
+def test_a_spotlight_wanders_over_a_dim_image() -> None:
+    grey = np.full((120, 160), 100, np.uint8)
+    brightest = []
+    for t in (0.0, 0.7, 1.4):
+        light = photometry.decode(relight(grey, None, None, t, "spotlight", severity=1.0))
+        light /= photometry.decode(grey)
+        assert light.min() < 0.2
+        assert light.max() > 2
+        brightest.append(np.array(np.unravel_index(light.argmax(), light.shape)))
+    steps = [np.linalg.norm(b - a) for a, b in pairwise(brightest)]
+    assert min(steps) > 10
+
+
+def test_exposure_goes_in_steps_that_light_the_whole_image() -> None:
+    grey = np.full((60, 80), 90, np.uint8)
+    light = []
+    for t in np.arange(0.0, 6.0, 0.1):
+        relit = relight(grey, None, None, float(t), "exposure", severity=0.5)
+        assert np.ptp(relit) == 0
+        light.append(float(photometry.decode(relit).mean()))
+    changes = np.flatnonzero(np.diff(light))
+    assert 4 <= len(changes) <= 7  # one each second
+    assert np.abs(np.diff(np.log2(light))[changes]).min() > 0.5  # stops
 
 
 def test_gamma_keeps_black_and_white() -> None:

@@ -33,7 +33,7 @@ def student_scale(rows: F32, count: int, nu: float, sigma: float, floor: float) 
         for i in range(count):
             square = np.float64(rows[i, 0]) * rows[i, 0]
             total += square * (nu + 1) / (nu + square * inverse)
-        new = max(np.sqrt(total / count), floor)
+        new = max(float(np.sqrt(total / count)), floor)
         if abs(new - sigma) < 1e-3 * sigma:
             return new
         sigma = new
@@ -129,26 +129,38 @@ def distance_rows(field: F32, points: F64, T: F64, camera: Pinhole, rows: F32) -
 
 @compiled
 def halve_depth(depth: F32, gap: float, half: F32) -> None:
-    """Write depth at half the size: the mean of four where they agree, else the nearest.
+    """Write depth at half the size: the mean of four where all are there and agree, else 0.
 
-    ``gap`` is the relative step that separates two surfaces; 0 stands for a missing depth.
+    ``gap`` is the relative step that separates two surfaces. Stray depths that sensors leave
+    before a contour lie near, and would outweigh all others by their lever.
     """
     for row in range(half.shape[0]):
         for col in range(half.shape[1]):
-            near, far, total, count = np.float32(np.inf), np.float32(0), np.float32(0), 0
-            for k in range(2):
-                for j in range(2):
-                    z = depth[2 * row + k, 2 * col + j]
-                    if z > 0:
-                        near, far = min(near, z), max(far, z)
-                        total += z
-                        count += 1
-            if count == 0:
-                half[row, col] = 0
-            elif far <= near * (1 + gap):
-                half[row, col] = total / count
+            a, b = depth[2 * row, 2 * col], depth[2 * row, 2 * col + 1]
+            c, d = depth[2 * row + 1, 2 * col], depth[2 * row + 1, 2 * col + 1]
+            near, far = min(min(a, b), min(c, d)), max(max(a, b), max(c, d))
+            if near > 0 and far <= near * (1 + gap):
+                half[row, col] = (a + b + c + d) / 4
             else:
-                half[row, col] = near
+                half[row, col] = 0
+
+
+@compiled
+def smooth_depth_only(depth: F32, gap: float, kept: F32) -> None:
+    """Write depth where all four neighbours have it too and none differs by more than ``gap``.
+
+    The border is left out.
+    """
+    height, width = depth.shape
+    kept[:] = 0
+    for v in range(1, height - 1):
+        for u in range(1, width - 1):
+            z = depth[v, u]
+            a, b, c, d = depth[v - 1, u], depth[v + 1, u], depth[v, u - 1], depth[v, u + 1]
+            near, far = min(min(a, b), min(c, d)), max(max(a, b), max(c, d))
+            near, far = min(near, z), max(far, z)
+            if near > 0 and far <= near * (1 + gap):
+                kept[v, u] = z
 
 
 @compiled

@@ -174,7 +174,7 @@ def compare(
         list[str],
         typer.Argument(
             help="Recordings, folders of recordings, or synth:SCENE for a rendered scene.",
-            metavar="SOURCE...",
+            metavar="SOURCE",
         ),
     ],
     peers: Annotated[
@@ -312,6 +312,44 @@ def synth(
     frequency: Annotated[
         float | None, typer.Option(help="Of the light, Hz; the model's own by default.")
     ] = None,
+    jump: Annotated[
+        list[float] | None,
+        typer.Option(
+            help="Instant at which the light jumps, seconds; may be repeated. One every 1.5 s at "
+            "random by default.",
+            metavar="SECONDS",
+        ),
+    ] = None,
+    exposure: Annotated[
+        float,
+        typer.Option(
+            help="How long an image gathers light: motion blur.",
+            min=0.0,
+            max=1 / 30,
+            metavar="SECONDS",
+        ),
+    ] = 0.0,
+    readout: Annotated[
+        float,
+        typer.Option(
+            help="From the first row to the last: rolling shutter.",
+            min=0.0,
+            max=1 / 30,
+            metavar="SECONDS",
+        ),
+    ] = 0.0,
+    auto_exposure: Annotated[
+        bool, typer.Option("--auto-exposure", help="Follow the light, a quarter of a second late.")
+    ] = False,
+    depth_delay: Annotated[
+        float,
+        typer.Option(
+            help="Take depth so long after colour, and not quite regularly.",
+            min=0.0,
+            max=0.02,
+            metavar="SECONDS",
+        ),
+    ] = 0.0,
     seed: Annotated[int, typer.Option(help="Of tremor, light and noise.", min=0)] = 0,
     force: Annotated[bool, typer.Option("--force", help="Write into a filled folder.")] = False,
     list_: Annotated[
@@ -343,6 +381,11 @@ def synth(
         light=light,
         severity=severity,
         frequency=frequency,
+        jumps=sorted(set(jump)) if jump else None,
+        exposure=exposure,
+        readout=readout,
+        auto_exposure=auto_exposure,
+        depth_delay=depth_delay,
         seed=seed,
         force=force,
     )

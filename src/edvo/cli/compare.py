@@ -156,6 +156,9 @@ class Results:
 
     def finish(self) -> None:
         """Say what all sequences come to, and where it is kept."""
+        edvo = [row for each in self.comparisons for row in each.rows if row.kind == "edvo"]
+        if any(row.median_s > _BUSY * row.median_cpu_s for row in edvo):
+            note("warning: the machine is busy, edvo waits for a processor; compare the CPU times")
         if len(self.comparisons) > 1:
             say(table(*summary_cells(self.comparisons)))
             for line in summary_verdicts(self.comparisons):
@@ -272,9 +275,6 @@ def _report(comparison: Comparison) -> None:
     say(table(*cells(comparison)))
     for line in verdicts(comparison):
         say(line)
-    edvo = [row for row in comparison.rows if row.kind == "edvo"]
-    if any(row.median_s > _BUSY * row.median_cpu_s for row in edvo):
-        note("warning: the machine is busy, edvo waits for a processor; compare the CPU times")
     say()
 
 

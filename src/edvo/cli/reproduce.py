@@ -62,13 +62,17 @@ def reproduce(
         for line in bench.notes:
             note(line)
         cv2.setNumThreads(1)  # frames share the cores; OpenCV's own threads would only contend
-        with renderer_compiling_aside():
-            for preset in PRESETS:
-                compile_now(Config.preset(preset))
+        done = {stage.name for stage in completed(bench, folder, EXPERIMENTS)}
+        if force or not done.issuperset(names):
+            with renderer_compiling_aside():
+                for preset in PRESETS:
+                    compile_now(Config.preset(preset))
         begin = time.perf_counter()
         stages: list[Stage] = []
         try:
-            for stage in run_stages(names, bench, folder, force=force, on_begin=watch.stage):
+            for stage in run_stages(
+                names, bench, folder, EXPERIMENTS, force=force, on_begin=watch.stage
+            ):
                 stages.append(stage)
                 watch.done()
                 _tell(stage)
@@ -102,7 +106,7 @@ def chosen(what: Sequence[str]) -> list[str]:
 
 def _write(stages: Sequence[Stage], bench: Bench, folder: Path) -> None:
     """Write the pages: these stages, and what was complete before."""
-    shown = {stage.name: stage for stage in completed(bench, folder)}
+    shown = {stage.name: stage for stage in completed(bench, folder, EXPERIMENTS)}
     shown.update({stage.name: stage for stage in stages})
     write_pages([shown[name] for name in EXPERIMENTS if name in shown], bench, folder)
 

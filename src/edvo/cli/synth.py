@@ -6,7 +6,10 @@ from pathlib import Path
 
 from edvo.cli.terminal import Advance, progress, say
 from edvo.datasets.known_cameras import find_camera
+from edvo.synthesis.clock import Clock
 from edvo.synthesis.contact_sheet import contact_sheet
+from edvo.synthesis.image_sensor import AutoExposure
+from edvo.synthesis.renderer import Shutter
 from edvo.synthesis.scene import load_scene, scene_names
 from edvo.synthesis.scene_lights import scene_light
 from edvo.synthesis.sequence import (
@@ -15,6 +18,9 @@ from edvo.synthesis.sequence import (
     make_recipe,
     write_sequence,
 )
+
+_BLUR_STEPS = 5  # instants that a blurred image is the mean of
+_DEPTH_JITTER = 0.001  # s, as between the cameras of a Kinect
 
 
 def list_scenes(sheet: Path) -> None:
@@ -46,6 +52,11 @@ def synth(
     light: str,
     severity: float,
     frequency: float | None,
+    jumps: list[float] | None,
+    exposure: float,
+    readout: float,
+    auto_exposure: bool,
+    depth_delay: float,
     seed: int,
     force: bool,
 ) -> None:
@@ -59,9 +70,17 @@ def synth(
         trajectory=trajectory,
         speed=speed,
         light=scene_light(
-            light, data.lights.state(), severity=severity, frequency=frequency, seed=seed
+            light,
+            data.lights.state(),
+            severity=severity,
+            frequency=frequency,
+            seed=seed,
+            jumps=jumps,
         ),
         seed=seed,
+        shutter=Shutter(exposure, _BLUR_STEPS if exposure else 1, readout),
+        exposure=AutoExposure() if auto_exposure else None,
+        depth_clock=Clock(offset=depth_delay, jitter=_DEPTH_JITTER) if depth_delay else Clock(),
     )
     options: dict[str, object] = {
         "frames": frames,
@@ -72,12 +91,19 @@ def synth(
         "light": light,
         "severity": severity,
         "frequency": frequency,
+        "exposure": exposure or None,
+        "readout": readout or None,
+        "depth-delay": depth_delay or None,
         "seed": seed,
     }
     command = ["edvo", "synth", scene, target.name]
     for name, value in options.items():
         if value is not None:
             command += [f"--{name}", str(value)]
+    for instant in jumps or []:
+        command += ["--jump", str(instant)]
+    if auto_exposure:
+        command += ["--auto-exposure"]
     with ExitStack() as bars:
         advance: Advance | None = None
 

@@ -343,11 +343,11 @@ def draw_scores(
     width = 0.7 / max(1, len(scores.systems) - 1)
     for number, system in enumerate(scores.systems):
         line = [scores.of[sequence, system] for sequence in scores.sequences]
-        x = [place + (number - (len(scores.systems) - 1) / 2) * width for place in places]
-        y = [top if s.failed else s.rmse for s in line]
-        axes.plot(x, y, "o", ms=6, label=system)
-        lost = [place for place, score in zip(x, line, strict=True) if score.failed]
-        axes.plot(lost, [top] * len(lost), "x", color="k", ms=8, mew=2)
+        shift = (number - (len(scores.systems) - 1) / 2) * width
+        done = [(place + shift, s.rmse) for place, s in enumerate(line) if not s.failed]
+        lost = [(place + shift, top) for place, s in enumerate(line) if s.failed]
+        (dots,) = axes.plot(*_columns(done), "o", ms=6, label=system)
+        axes.plot(*_columns(lost), "X", ms=9, color=dots.get_color())
     ours = [published.get(sequence, (None,) * 5)[-1] for sequence in scores.sequences]
     for place, error in zip(places, ours, strict=True):
         if error is not None:
@@ -361,6 +361,10 @@ def draw_scores(
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
     tidy(axes)
     return Figure(name, caption, to_png(figure))
+
+
+def _columns(points: Items[tuple[float, float]]) -> tuple[list[float], list[float]]:
+    return [x for x, _ in points], [y for _, y in points]
 
 
 def said(score: Score) -> str:

@@ -1,7 +1,5 @@
 """What the experiments work with: sequences, sizes, seed, progress."""
 
-import hashlib
-import json
 from collections.abc import Callable, Hashable, Iterable
 from importlib.util import find_spec
 from pathlib import Path
@@ -11,9 +9,9 @@ import cv2
 
 from edvo import __version__
 from edvo.camera import Camera
-from edvo.config import PRESETS, Config
 from edvo.datasets import open_source
 from edvo.errors import DatasetError, EdvoError
+from edvo.experiments.fingerprint import code_digest
 from edvo.experiments.sequences import (
     PAPER_SEQUENCES,
     FrameMemory,
@@ -201,11 +199,9 @@ class Bench:
         dict
             The same for the same results; made of what JSON knows.
         """
-        presets = {name: Config.preset(name).model_dump(mode="json") for name in PRESETS}
-        digest = hashlib.sha256(json.dumps(presets, sort_keys=True).encode()).hexdigest()
         return {
             "edvo": __version__,
-            "presets": digest[:16],
+            "code": code_digest(),
             "opencv": cv2.__version__,
             "open3d": find_spec("open3d") is not None,
             "quick": self.quick,
@@ -219,7 +215,8 @@ class Bench:
             scene, frames=self._stand_in_frames, camera=self._camera, seed=self.seed
         )
         size = f"{self._camera.width}x{self._camera.height}"
-        folder = f"{scene}-{size}-{recipe.frames}-seed{self.seed}-edvo{__version__}"
+        code = code_digest("synthesis")
+        folder = f"{scene}-{size}-{recipe.frames}-seed{self.seed}-{code}"
         return stand_in(
             name,
             recipe,

@@ -253,24 +253,25 @@ def stand_in(
     Sequence
         Nothing of it is rendered yet.
     """
-    source = SyntheticSource(recipe)
+    scene = Path(recipe.scene.name).stem
     rendered = False
     kind = "stand-in: synthetic" if paper else "synthetic"
 
     def report(done: int, of: int) -> None:
         if advance is not None:
-            advance(f"rendering {source.name}: {done} of {of} frames")
+            advance(f"rendering {scene}: {done} of {of} frames")
 
     def make() -> Loaded:
         nonlocal rendered
         if not rendered and (again or not (folder / "rgb.txt").exists()):
+            source = SyntheticSource(recipe)
             write_sequence(source, folder, force=True, workers=_WORKERS, progress=report)
         rendered = True
         return _read(open_source(folder), recipe.frames)
 
     return Sequence(
         name,
-        f"{kind} {source.name}, {recipe.frames} frames",
+        f"{kind} {scene}, {recipe.frames} frames",
         is_real=False,
         camera=recipe.camera,
         truth=recipe.truth(),

@@ -155,9 +155,10 @@ def features_fail(scores: Scores, light: str) -> Finding:
     if "orb-pnp" not in scores.systems:
         return Finding(claim, None, "orb-pnp was not run.")
     line = [scores.of[name, "orb-pnp"] for name in LOW_TEXTURE]
+    ours = [scores.of[name, OURS] for name in LOW_TEXTURE]
     parts = "; ".join(
-        f"{short_name(score.sequence)} {said(score)} against {said(scores.of[score.sequence, OURS])}"
-        for score in line
+        f"{short_name(score.sequence)} {said(score)} against {said(own)}"
+        for score, own in zip(line, ours, strict=True)
     )
     return Finding(
         claim,

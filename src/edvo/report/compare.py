@@ -228,8 +228,9 @@ class Comparison:
         Without standing still, changes of one part, and what could not be made.
         """
         there = [row for row in self.rows if row.runs and row.kind not in ("reference", "variant")]
-        if all(math.isnan(row.rpe) for row in there):
-            return ()
+        errors = [row.rpe for row in there]
+        if any(map(math.isnan, errors)) and not any(map(math.isfinite, errors)):
+            return ()  # no truth, or too few frames for a relative error
         return tuple(sorted(there, key=lambda row: math.inf if math.isnan(row.rpe) else row.rpe))
 
     def rank(self, row: Row) -> int | None:

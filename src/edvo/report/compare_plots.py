@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from itertools import cycle
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,7 +17,7 @@ from edvo.trajectory import Trajectory
 
 # Those of edvo first, then ones that are told apart by any eye (Okabe and Ito).
 _COLOURS = (ESTIMATE_COLOUR, MOTION_COLOUR)
-_OTHERS = ("#E69F00", "#56B4E9", "#009E73", "#CC79A7", "#0072B2", "#8c564b", "#7f7f7f")
+_OTHERS = ("#E69F00", "#56B4E9", "#009E73", "#CC79A7", "#9467bd", "#8c564b", "#7f7f7f")
 _LINES = ("-", "--", ":")
 _MOST = 16  # beyond that many no line is found again; the first ones by error are drawn
 _OUT_OF_VIEW = 2.0  # spans of the true path beyond which an estimate is not followed
@@ -48,7 +49,7 @@ def draw_paths(comparison: Comparison) -> bytes | None:
     low, high = _bounds(paths if true is None else [true])
     for (row, _), path, (colour, line) in zip(shown, paths, _styles(shown), strict=True):
         seen = np.where(((path > low) & (path < high)).all(axis=1, keepdims=True), path, np.nan)
-        axes.plot(seen[:, 0], seen[:, 2], color=colour, ls=line, lw=1.4, label=_label(row))
+        axes.plot(seen[:, 0], seen[:, 2], color=colour, ls=line, label=_label(row), **_weight(row))
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("right (m)")
     axes.set_ylabel("forward (m)")
@@ -101,9 +102,8 @@ def draw_errors(comparison: Comparison) -> bytes | None:
         assert score.evaluation.rpe is not None
         rpe = score.evaluation.rpe
         label = f"{_label(row)}: rmse {1e3 * rpe.rmse:.1f} mm"
-        axes.plot(
-            rpe.stamps - begin, 1e3 * rpe.translation, color=colour, ls=line, lw=1.3, label=label
-        )
+        error = 1e3 * rpe.translation
+        axes.plot(rpe.stamps - begin, error, color=colour, ls=line, label=label, **_weight(row))
     axes.set_yscale("log")
     axes.set_xlabel("time (s)")
     axes.set_ylabel("error of the motion over 1 s (mm)")
@@ -130,6 +130,11 @@ def _styles(shown: Sequence[tuple[Row, Score]]) -> list[tuple[str, str]]:
     return [
         (next(own, TRUTH_COLOUR), "-") if row.kind == "edvo" else next(others) for row, _ in shown
     ]
+
+
+def _weight(row: Row) -> dict[str, Any]:
+    """Draw edvo above the others."""
+    return {"lw": 2.2, "zorder": 3} if row.kind == "edvo" else {"lw": 1.2}
 
 
 def _label(row: Row) -> str:

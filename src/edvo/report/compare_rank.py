@@ -1,10 +1,11 @@
 """What a comparison comes to, in sentences."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from edvo.report.compare import Comparison, Row
 
+_MOST_NAMED = 6  # baselines that are named one by one
 _APART = 1.3  # ratio of wall and processor time beyond which both are said
 _ALIKE = 0.05  # relative difference of two times below which neither is the faster one
 
@@ -79,25 +80,40 @@ def _of_preset(comparison: Comparison, row: Row) -> str:
         said = f"failed ({row.failure})"
     else:
         said = "no rank, since there is no relative pose error"
-    speeds = [
-        _speed(other.name, other.median_s / row.median_s, other.median_cpu_s / row.median_cpu_s)
+    ratios = {
+        other.name: (other.median_s / row.median_s, other.median_cpu_s / row.median_cpu_s)
         for other in comparison.rows
         if other.kind == "baseline" and math.isfinite(other.median_s / row.median_s)
-    ]
-    return f"{row.name}: {'; '.join([said, ', '.join(speeds)]) if speeds else said}"
+    }
+    said += "".join(f"; {part}" for part in _speeds(ratios))
+    return f"{row.name}: {said}"
+
+
+def _speeds(ratios: Mapping[str, tuple[float, float]]) -> list[str]:
+    """Say how much faster than each; of many, only than the quickest and the slowest of them."""
+    left = {name: wall for name, (wall, _) in ratios.items() if wall > 1 + _ALIKE}
+    summed_up = len(ratios) > _MOST_NAMED and len(left) > 2
+    named = [name for name in ratios if not summed_up or name not in left]
+    parts = [", ".join(_speed(name, *ratios[name]) for name in named)] if named else []
+    if summed_up:
+        ends = min(left, key=left.__getitem__), max(left, key=left.__getitem__)
+        shown = " to ".join(f"{times(left[name])} ({name})" for name in ends)
+        parts.append(f"{shown} faster than {'the other' if named else 'all'} {len(left)}")
+    return parts
 
 
 def _speed(name: str, wall: float, cpu: float) -> str:
     """Say how much faster than another, by the wall and, if that differs, by processor time."""
-    if abs(wall - 1) <= _ALIKE:
-        said = f"as fast as {name}"
-    elif wall > 1:
-        said = f"{times(wall)} faster than {name}"
-    else:
-        said = f"{times(1 / wall)} slower than {name}"
+    said = f"{_compared(wall)} {'as' if abs(wall - 1) <= _ALIKE else 'than'} {name}"
     if max(wall, cpu) <= _APART * min(wall, cpu):
         return said
-    return f"{said} ({times(cpu)} by processor time)"
+    return f"{said} (by processor time {_compared(cpu)})"
+
+
+def _compared(ratio: float) -> str:
+    if abs(ratio - 1) <= _ALIKE:
+        return "as fast"
+    return f"{times(ratio)} faster" if ratio > 1 else f"{times(1 / ratio)} slower"
 
 
 def _of_variants(comparison: Comparison, changed: Sequence[Row]) -> list[str]:

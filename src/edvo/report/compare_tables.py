@@ -259,6 +259,7 @@ def _record(comparison: Comparison, row: Row) -> dict[str, Any]:
     return {
         "sequence": comparison.name,
         "system": row.name,
+        "title": row.title,
         "kind": row.kind,
         "rank": comparison.rank(row),
         "failure": row.failure if row.kind != "reference" else "",
@@ -365,7 +366,7 @@ def _ms(seconds: float) -> str:
 def _ratio(value: float) -> str:
     if not math.isfinite(value):
         return _NONE
-    return f"{value:.1f}x" if value >= 10 else f"{value:.2f}x"
+    return f"{value:.{0 if value >= 100 else 1 if value >= 10 else 2}f}x"
 
 
 def _time_ratios(comparison: Comparison, row: Row) -> str:

@@ -10,7 +10,6 @@ from pathlib import Path
 from edvo.errors import EdvoError, OutputError
 from edvo.experiments.bench import Bench
 from edvo.experiments.experiment import Experiment, Outcome
-from edvo.experiments.registry import EXPERIMENTS
 from edvo.files import output_folder, write_atomically
 from edvo.report.outcomes import OUTCOME, read_outcome, write_outcome
 from edvo.report.reproduction_markdown import markdown
@@ -54,9 +53,9 @@ def run_stages(
     names: Sequence[str],
     bench: Bench,
     folder: Path,
+    experiments: Mapping[str, Experiment],
     *,
     force: bool = False,
-    experiments: Mapping[str, Experiment] = EXPERIMENTS,
     on_begin: Callable[[str], None] | None = None,
 ) -> Iterator[Stage]:
     """Run experiments; what is complete with the same settings is read instead.
@@ -69,10 +68,10 @@ def run_stages(
         What they work with.
     folder : pathlib.Path
         Each writes to a folder of its name in it.
-    force : bool
-        Run also what is complete.
     experiments : mapping
         Where the names are looked up.
+    force : bool
+        Run also what is complete.
     on_begin : callable, optional
         Told the name of each one before it is run or read.
 
@@ -88,9 +87,7 @@ def run_stages(
         yield _stage(name, bench, folder / name, experiments, force=force)
 
 
-def completed(
-    bench: Bench, folder: Path, experiments: Mapping[str, Experiment] = EXPERIMENTS
-) -> list[Stage]:
+def completed(bench: Bench, folder: Path, experiments: Mapping[str, Experiment]) -> list[Stage]:
     """Find what is complete with the same settings.
 
     Parameters

@@ -9,6 +9,7 @@ from edvo.report.reproduction_words import (
     TITLE,
     Shown,
     findings_of,
+    numeric_columns,
     sequences_of,
     setting_of,
     tally,
@@ -74,9 +75,10 @@ def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     Returns
     -------
     str
-        Lines of Markdown, the first column to the left and the others to the right.
+        Lines of Markdown, numbers to the right.
     """
-    lines = [header, ["---", *["---:"] * (len(header) - 1)], *rows]
+    numbers = numeric_columns(header, rows)
+    lines = [header, ["---:" if right else "---" for right in numbers], *rows]
     return "\n".join(f"| {' | '.join(_cell(cell) for cell in line)} |" for line in lines)
 
 

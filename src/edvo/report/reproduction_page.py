@@ -12,6 +12,7 @@ from edvo.report.reproduction_words import (
     TITLE,
     Shown,
     findings_of,
+    numeric_columns,
     sequences_of,
     setting_of,
     tally,
@@ -27,10 +28,10 @@ nav a { margin-right: .9rem; } a { color: #0b5394; }
 table { border-collapse: collapse; font-size: .86rem; margin: .4rem 0 1.2rem;
   font-variant-numeric: tabular-nums; }
 caption { text-align: left; font-weight: 600; padding: .3rem 0; }
-th, td { border-bottom: 1px solid #e4e4e4; padding: .25rem .6rem; text-align: right;
+th, td { border-bottom: 1px solid #e4e4e4; padding: .25rem .6rem; text-align: left;
   vertical-align: top; }
+.n { text-align: right; }
 thead th { border-bottom: 2px solid #999; vertical-align: bottom; }
-th:first-child, td:first-child, .words th, .words td { text-align: left; }
 figure { margin: 1.2rem 0; } figure img { max-width: 100%; height: auto; }
 figcaption, .paper, .note, .made { color: #555; font-size: .92rem; }
 .sign { display: inline-block; border-radius: .3rem; padding: 0 .5rem; white-space: nowrap;
@@ -93,7 +94,7 @@ def _overview(stages: Sequence[Shown]) -> str:
         said += f" Failed, so that nothing is said of it: {', '.join(lost)}."
     return (
         f'<h2 id="findings">What holds</h2><p>{escape(said)}</p><div class="wide">'
-        '<table class="words"><thead><tr><th></th><th>the paper</th><th>here</th>'
+        "<table><thead><tr><th></th><th>the paper</th><th>here</th>"
         f"<th>measured</th></tr></thead><tbody>{rows}</tbody></table></div>"
     )
 
@@ -104,7 +105,7 @@ def _sequences(bench: Bench) -> str:
         for name, label in sequences_of(bench)
     )
     return (
-        '<h2 id="sequences">Sequences</h2><table class="words"><thead><tr><th>sequence</th>'
+        '<h2 id="sequences">Sequences</h2><table><thead><tr><th>sequence</th>'
         f"<th>data</th></tr></thead><tbody>{rows}</tbody></table>{_notes(bench.notes)}"
     )
 
@@ -145,10 +146,15 @@ def _figure(figure: Figure) -> str:
 
 
 def _table(table: Table) -> str:
-    head = "".join(f"<th>{escape(cell)}</th>" for cell in table.header)
-    body = "".join(
-        f"<tr>{''.join(f'<td>{_cell(cell)}</td>' for cell in row)}</tr>" for row in table.rows
+    classes = [' class="n"' if n else "" for n in numeric_columns(table.header, table.rows)]
+    head = "".join(
+        f"<th{kind}>{escape(cell)}</th>" for kind, cell in zip(classes, table.header, strict=True)
     )
+    lines = [
+        "".join(f"<td{kind}>{_cell(cell)}</td>" for kind, cell in zip(classes, row, strict=True))
+        for row in table.rows
+    ]
+    body = "".join(f"<tr>{line}</tr>" for line in lines)
     return (
         f'<div class="wide"><table><caption>{escape(table.title)}</caption>'
         f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"

@@ -14,6 +14,9 @@ PAPER = (
 SIGNS = {True: "agrees", False: "disagrees", None: "cannot say"}
 """How a finding stands to the paper, in a word or two."""
 
+_NO_NUMBERS = ("", "-", "x", "x before")
+_LONGEST = 20
+
 
 class Shown(Protocol):
     """What is shown of a stage."""
@@ -127,3 +130,28 @@ def sequences_of(bench: Bench) -> list[tuple[str, str]]:
         Name and label.
     """
     return [(name, bench.sequence(name).label) for name in bench.names]
+
+
+def numeric_columns(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[bool]:
+    """Say which columns hold numbers, to be put below each other.
+
+    Parameters
+    ----------
+    header : sequence of str
+        Names of the columns.
+    rows : sequence of sequence of str
+        Cells.
+
+    Returns
+    -------
+    list of bool
+        For each column.
+    """
+    return [
+        bool(rows) and all(_is_number(row[column]) for row in rows) for column in range(len(header))
+    ]
+
+
+def _is_number(cell: str) -> bool:
+    text = cell.strip("* ")
+    return text in _NO_NUMBERS or (len(text) <= _LONGEST and text[:1] in "0123456789-+.<>~")

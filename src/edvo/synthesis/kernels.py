@@ -458,6 +458,12 @@ class Batch(NamedTuple):
     seen: I32  # (MOST,) primitives in the tile's frustum
     between: I32  # (MOST,) primitives that may stand between the tile and a lamp
     visible: F64  # (L, B) share of each lamp that each hit sees
+    beam: F64  # (6, B) shadow rays: from, towards
+    to: F64  # (9, B) of each, the middle of the lamp and two sides of its disc
+    ray: I32  # (B,) of each, the ray whose hit it leaves
+    own: I32  # (B,) of each, the flat primitive that it leaves, or -1
+    dark: I32  # (B,) of each, whether it meets something
+    lit: I32  # (B,) of each, the points of the lamp that are seen
     stack: I32
 
 
@@ -476,6 +482,12 @@ def _batch(lamps: int) -> Batch:
         np.empty(MOST, np.int32),
         np.empty(MOST, np.int32),
         np.ones((lamps, BATCH)),
+        np.empty((6, BATCH)),
+        np.empty((9, BATCH)),
+        np.empty(BATCH, np.int32),
+        np.empty(BATCH, np.int32),
+        np.empty(BATCH, np.int32),
+        np.empty(BATCH, np.int32),
         np.empty(STACK, np.int32),
     )
 
@@ -656,6 +668,70 @@ def _shaft(
 
 
 @compiled
+def _darken(solids: Solids, found: int, far: float, batch: Batch, count: int) -> None:
+    """Mark which of the first ``count`` shadow rays meet something before ``far``."""
+    beam, dark, own, shape = batch.beam, batch.dark, batch.own, solids.shape
+    if found < 0:
+        for r in range(count):
+            dark[r] = _blocked(
+                solids,
+                beam[0, r],
+                beam[1, r],
+                beam[2, r],
+                beam[3, r],
+                beam[4, r],
+                beam[5, r],
+                far,
+                batch.stack,
+            )
+        return
+    dark[:count] = 0
+    for j in range(found):
+        i = _whole(batch.between[j])
+        if solids.kind[i] == CYLINDER:
+            for r in range(count):
+                if dark[r] == 0:
+                    t = _cylinder(
+                        shape,
+                        i,
+                        beam[0, r],
+                        beam[1, r],
+                        beam[2, r],
+                        beam[3, r],
+                        beam[4, r],
+                        beam[5, r],
+                    )
+                    if 0.0 < t <= far:
+                        dark[r] = 1
+            continue
+        nx, ny, nz, n0 = shape[i, 0], shape[i, 1], shape[i, 2], shape[i, 3]
+        ax, ay, az, a0 = shape[i, 4], shape[i, 5], shape[i, 6], shape[i, 7]
+        bx, by, bz, b0 = shape[i, 8], shape[i, 9], shape[i, 10], shape[i, 11]
+        corner = 1.0 if solids.kind[i] == TRIANGLE else 2.0
+        for r in range(count):
+            ox, oy, oz = beam[0, r], beam[1, r], beam[2, r]
+            dx, dy, dz = beam[3, r], beam[4, r], beam[5, r]
+            t = (n0 - (nx * ox + ny * oy + nz * oz)) / (nx * dx + ny * dy + nz * dz)
+            x, y, z = ox + t * dx, oy + t * dy, oz + t * dz
+            u = ax * x + ay * y + az * z - a0
+            v = bx * x + by * y + bz * z - b0
+            inside = (u >= 0.0) & (v >= 0.0) & (u <= 1.0) & (v <= 1.0) & (u + v <= corner)
+            dark[r] |= inside & (t > 1e-9) & (t <= far) & (own[r] != i)
+
+
+@compiled
+def _aim(batch: Batch, disc: F64, k: int, square: int, count: int) -> None:
+    """Point the first ``count`` shadow rays at a point of the lamp; or each at one of its own."""
+    to, beam, ray = batch.to, batch.beam, batch.ray
+    points = disc.shape[0]
+    for r in range(count):
+        p = k if square == 1 else (ray[r] % square) * points // square
+        x, y = disc[p, 0], disc[p, 1]
+        for c in range(3):
+            beam[3 + c, r] = to[c, r] + x * to[3 + c, r] + y * to[6 + c, r]
+
+
+@compiled
 def _shadows(
     solids: Solids, poses: F64, row: int, lamp: F64, n: int, batch: Batch, count: int, square: int
 ) -> None:
@@ -664,27 +740,31 @@ def _shadows(
     Where ``square`` rays share a pixel each looks at one point only: their mean is what counts.
     """
     found = _shaft(solids, poses, row, lamp, n, batch, count)
-    shape, between = solids.shape, batch.between
-    size = lamp[n, 5]
+    visible, to, beam, seen = batch.visible, batch.to, batch.beam, batch.lit
+    visible[n, :count] = 1.0
+    if found == 0:
+        return
+    shape, size = solids.shape, lamp[n, 5]
     disc = np.empty((16 if size > 0.0 else 1, 2))
     for k in range(disc.shape[0]):
         # A sunflower: golden angle, equal areas; the outermost four come first.
         radius, turn = size * np.sqrt((15.5 - k) / 16.0), 2.399963229728653 * k
         disc[k, 0], disc[k, 1] = radius * np.cos(turn), radius * np.sin(turn)
+    far = 1.0 if lamp[n, 0] == 1.0 else np.inf
+    waiting = 0
     for ray in range(count):
-        batch.visible[n, ray] = 1.0
         i = batch.hit[ray]
         # A flat thing does not shade itself.
         flat = i >= 0 and solids.kind[i] != CYLINDER
-        if i < 0 or found == 0 or (found == 1 and flat and between[0] == i):
+        if i < 0 or (found == 1 and flat and batch.between[0] == i):
             continue
         dx, dy, dz = batch.direction[0, ray], batch.direction[1, ray], batch.direction[2, ray]
         px = poses[row, 0, 3] + batch.t[ray] * dx
         py = poses[row, 1, 3] + batch.t[ray] * dy
         pz = poses[row, 2, 3] + batch.t[ray] * dz
-        lx, ly, lz, far = -lamp[n, 1], -lamp[n, 2], -lamp[n, 3], np.inf
+        lx, ly, lz = -lamp[n, 1], -lamp[n, 2], -lamp[n, 3]
         if lamp[n, 0] == 1.0:
-            lx, ly, lz, far = -lx - px, -ly - py, -lz - pz, 1.0
+            lx, ly, lz = -lx - px, -ly - py, -lz - pz
         if flat:
             away = shape[i, 0] * dx + shape[i, 1] * dy + shape[i, 2] * dz
             if away * (shape[i, 0] * lx + shape[i, 1] * ly + shape[i, 2] * lz) >= 0.0:
@@ -692,42 +772,48 @@ def _shadows(
         length = np.sqrt(lx * lx + ly * ly + lz * lz)
         # A step towards the lamp, or a surface would shade itself.
         lift = 1e-6 / max(length, 1e-6)
-        px, py, pz = px + lift * lx, py + lift * ly, pz + lift * lz
         if abs(lz) < 0.9 * length:
             ax, ay, az = ly, -lx, 0.0
         else:
             ax, ay, az = 0.0, lz, -ly
         norm = max(np.sqrt(ax * ax + ay * ay + az * az), 1e-300)
         ax, ay, az = ax / norm, ay / norm, az / norm
-        bx, by, bz = ly * az - lz * ay, lz * ax - lx * az, lx * ay - ly * ax
-        bx, by, bz = bx / length, by / length, bz / length
-        seen, tried = 0, 0
-        start, stop = 0, disc.shape[0]
-        if square > 1 and stop > 1:
-            start = (ray % square) * stop // square
-            stop = start + 1
-        for k in range(start, stop):
-            c, s = disc[k, 0], disc[k, 1]
-            x, y, z = lx + c * ax + s * bx, ly + c * ay + s * by, lz + c * az + s * bz
-            dark = False
-            if found < 0:
-                dark = _blocked(solids, px, py, pz, x, y, z, far, batch.stack)
-            else:
-                for j in range(found):
-                    other = _whole(between[j])
-                    if other == i and flat:
-                        continue
-                    if _meet(solids.kind[other], shape, other, px, py, pz, x, y, z, far) > 0.0:
-                        dark = True
-                        # What shades one point mostly shades the next: try it first.
-                        between[0], between[j] = between[j], between[0]
-                        break
-            tried += 1
-            if not dark:
-                seen += 1
-            if tried == 4 and (seen == 0 or seen == 4):
-                break
-        batch.visible[n, ray] = seen / tried
+        r = waiting
+        beam[0, r], beam[1, r], beam[2, r] = px + lift * lx, py + lift * ly, pz + lift * lz
+        to[0, r], to[1, r], to[2, r] = lx, ly, lz
+        to[3, r], to[4, r], to[5, r] = ax, ay, az
+        to[6, r] = (ly * az - lz * ay) / length
+        to[7, r] = (lz * ax - lx * az) / length
+        to[8, r] = (lx * ay - ly * ax) / length
+        batch.ray[r], batch.own[r], seen[r] = ray, i if flat else -1, 0
+        waiting += 1
+    points = disc.shape[0]
+    first = 4 if points > 1 and square == 1 else 1
+    for k in range(first):
+        _aim(batch, disc, k, square, waiting)
+        _darken(solids, found, far, batch, waiting)
+        for r in range(waiting):
+            seen[r] += 1 - batch.dark[r]
+    unsure = 0
+    for r in range(waiting):
+        visible[n, batch.ray[r]] = seen[r] / first
+        if 0 < seen[r] < first:
+            for c in range(9):
+                to[c, unsure] = to[c, r]
+            for c in range(3):
+                beam[c, unsure] = beam[c, r]
+            batch.ray[unsure], batch.own[unsure] = batch.ray[r], batch.own[r]
+            seen[unsure] = seen[r]
+            unsure += 1
+    if unsure == 0:
+        return
+    for k in range(first, points):
+        _aim(batch, disc, k, square, unsure)
+        _darken(solids, found, far, batch, unsure)
+        for r in range(unsure):
+            seen[r] += 1 - batch.dark[r]
+    for r in range(unsure):
+        visible[n, batch.ray[r]] = seen[r] / points
 
 
 @compiled

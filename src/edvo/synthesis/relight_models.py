@@ -53,6 +53,10 @@ class Settings:
     seed: int
     jumps: tuple[float, ...] | None = None
 
+    def __post_init__(self) -> None:
+        """Refuse jumps that cannot be before any image is read."""
+        Jumps(self.seed, self.jumps)
+
 
 @dataclass(frozen=True)
 class Effect:

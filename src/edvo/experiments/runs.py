@@ -1,0 +1,82 @@
+"""Sequences tracked under several configurations, and what is said of each run."""
+
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edvo.config import Config
+from edvo.errors import EvaluationError
+from edvo.evaluation import RelativePoseError, coverage, relative_pose_error
+from edvo.experiments.sequences import Sequence
+from edvo.odometry import Odometry, TrackedFrame
+
+CRITERIA = {"normal": "normal", "robust": "robust-then-normal"}
+"""The two ways to match that the paper compares (§V-B), and ``matching.criterion`` of each."""
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One sequence, tracked once.
+
+    Parameters
+    ----------
+    tracked : tuple of TrackedFrame
+        Every frame.
+    errors : RelativePoseError or None
+        Over one second, by the TUM script's formula; None if too few frames have a pose.
+    coverage : float
+        Share of the frames that have a pose.
+    seconds : ndarray, shape (frames,), float64
+        Wall time of each call of `Odometry.track`.
+    """
+
+    tracked: tuple[TrackedFrame, ...]
+    errors: RelativePoseError | None
+    coverage: float
+    seconds: NDArray[np.float64]
+
+    @property
+    def iterations(self) -> NDArray[np.int64]:
+        """Trial steps of each registration, of the lost frames too."""
+        found = [t.alignment.iterations for t in self.tracked if t.alignment is not None]
+        return np.array(found, np.int64)
+
+    @property
+    def rmse(self) -> float:
+        """Root mean square of the relative pose error, m/s; NaN without one."""
+        return float("nan") if self.errors is None else self.errors.rmse
+
+
+def track(sequence: Sequence, overrides: Iterable[str] = (), *, preset: str = "paper") -> Run:
+    """Track a sequence.
+
+    Parameters
+    ----------
+    sequence : Sequence
+        Which.
+    overrides : iterable of str
+        What differs from the preset, such as ``sampling.count=900``.
+    preset : str
+        The paper's by default.
+
+    Returns
+    -------
+    Run
+    """
+    config = Config.preset(preset).with_overrides(overrides)
+    odometry = Odometry(sequence.camera, config)
+    tracked, seconds = [], []
+    for frame in sequence.frames:
+        begin = time.perf_counter()
+        tracked.append(odometry.track(frame))
+        seconds.append(time.perf_counter() - begin)
+    trajectory = odometry.trajectory
+    try:
+        errors = relative_pose_error(sequence.truth, trajectory)
+    except EvaluationError:
+        errors = None
+    share = coverage(len(trajectory), len(tracked))
+    return Run(tuple(tracked), errors, share, np.array(seconds))
