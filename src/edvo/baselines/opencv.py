@@ -161,8 +161,9 @@ class OpenCvAligner:
         lift = np.float32(T_ref_cur[2, 3])
         for _ in range(LOOKS):
             x, y, z = cv2.split(cv2.transform(points, into_pixels))
+            # What is not a number is looked up anywhere and stays without a depth.
             z[(seen == 0) | (z < NEAREST_M)] = np.nan
-            x, y = (np.nan_to_num(ahead / z, nan=-1e4).astype(np.float32) for ahead in (x, y))
+            x, y = cv2.divide(x, z), cv2.divide(y, z)
             depth = cv2.remap(current.depth, x, y, cv2.INTER_NEAREST)
             # Depth in the reference grows in proportion along a ray of the current frame.
             seen = np.asarray(lift + depth * (seen - lift) / z, np.float32)
