@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -220,3 +221,15 @@ def test_the_source_describes_itself() -> None:
     assert told["frames"] == 31
     assert told["duration_s"] == pytest.approx(1.0)
     assert told["camera"]["width"] == 160
+
+
+def test_the_hard_scenes_are_as_hard_as_they_say() -> None:
+    crowd = SyntheticSource(recipe("crowd", frames=600))
+    world = crowd._renderer.world
+    walking = np.unique(world.at(0.0).thing[world._walker >= 0])
+    shares = [np.isin(crowd.render(k).things, walking).mean() for k in range(0, 600, 60)]
+    assert np.mean(shares) == pytest.approx(1 / 3, abs=0.07)
+    wall = SyntheticSource(recipe("white_wall", frames=600))
+    views = [cv2.GaussianBlur(wall.colour(k), (5, 5), 0) for k in range(0, 600, 30)]
+    plain = [not cv2.Canny(view, 50, 100).any() for view in views]
+    assert 0.1 < np.mean(plain) < 0.6
