@@ -24,13 +24,14 @@ READINGS = {"tracked": "every frame tracked", "skipped": "frames between left ou
 """Two ways to read `frame gap`, and what they are called."""
 
 HOW = """Every frame is registered with a keyframe that is replaced every so many frames
-(`keyframes.rule=gap`), by the preset `paper`, from a constant velocity or the last pose, whichever
-fits better. Since that start is near, however far the keyframe is, a second reading is shown as
-well: the frames between are left out, so that each frame is registered with one that is so many
-frames away, from no motion at all; it is judged up to a gap of 5, since beyond it both criteria
-mostly end in wrong minima, soon or late, as the drift in the table shows. The error is the RMSE of the relative pose error over 1 s, the
-mean over seeds of the sampling. Lost frames have no pose: their share stands beside. The paper
-does not say which sequence its figure shows, and gives no numbers."""
+(`keyframes.rule=gap`), by the preset `paper`, from a constant velocity or the last pose,
+whichever fits better. Since that start is near, however far the keyframe is, a second reading
+is shown as well: the frames between are left out, so that each frame is registered with one
+that is so many frames away, from no motion at all; it is judged up to a gap of 5, since beyond
+it both criteria mostly end in wrong minima, soon or late, as the drift in the table shows. The
+error is the RMSE of the relative pose error over 1 s, the mean over seeds of the sampling. Lost
+frames have no pose: their share stands beside. The paper does not say which sequence its figure
+shows, and gives no numbers."""
 
 
 @dataclass(frozen=True, eq=False)

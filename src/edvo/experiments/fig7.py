@@ -126,7 +126,7 @@ def residuals_after(sequence: Sequence, count: int) -> dict[int, NDArray[np.floa
             ]
         )
         align = registration(sequence, endless)
-        parts = [align.align(p.reference, p.samples, p.starts).residuals for p in chosen]
+        parts = [align.align(p.reference, p.samples, p.from_last).residuals for p in chosen]
         values = np.concatenate([np.empty(0), *parts])
         result[iteration] = values[np.isfinite(values)]
     return result

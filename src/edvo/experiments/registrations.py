@@ -1,7 +1,6 @@
 """Single registrations of a tracked sequence, to be made again under other settings."""
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,16 +28,24 @@ class Pair:
         Edges of the frame, with depth.
     T_ref_last : ndarray of float64, shape (4, 4)
         Pose of the frame before, which the paper starts from.
+    T_ref_ahead : ndarray of float64, shape (4, 4)
+        Pose to which that frame's motion leads when it goes on.
     """
 
     reference: EdgeIndex
     samples: EdgePixels
     T_ref_last: NDArray[np.float64]
+    T_ref_ahead: NDArray[np.float64]
+
+    @property
+    def from_last(self) -> NDArray[np.float64]:
+        """The paper's start as `Registration.align` takes it, shape (1, 4, 4)."""
+        return self.T_ref_last[None]
 
     @property
     def starts(self) -> NDArray[np.float64]:
-        """The start as `Registration.align` takes it, shape (1, 4, 4)."""
-        return self.T_ref_last[None]
+        """Both starts as the odometry has them, shape (2, 4, 4)."""
+        return np.array([self.T_ref_ahead, self.T_ref_last])
 
 
 def registration(sequence: Sequence, config: Config) -> Registration:
@@ -78,22 +85,20 @@ def pairs(sequence: Sequence, config: Config, count: int) -> list[Pair]:
     Returns
     -------
     list of Pair
-        Of frames that were not lost, whose predecessor was not lost either and saw the same
-        keyframe.
+        Of frames that were not lost, whose two predecessors were not lost either.
     """
     camera = sequence.camera
     odometry = Odometry(camera, config)
     tracked = [odometry.track(frame) for frame in sequence.frames]
     usual = [
-        (before, now)
-        for before, now in pairwise(tracked)
-        if Status.LOST not in (before.status, now.status)
-        and (now.keyframe == before.keyframe or before.is_keyframe)
+        three
+        for three in zip(tracked, tracked[1:], tracked[2:], strict=False)
+        if all(each.status is not Status.LOST for each in three)
     ]
     align = registration(sequence, config)
     indices: dict[int, EdgeIndex] = {}
     result = []
-    for before, now in spread(usual, count):
+    for earlier, before, now in spread(usual, count):
         if now.keyframe not in indices:
             grey = sequence.frames[now.keyframe].grey
             indices[now.keyframe] = align.index(extract_edges(grey, config.edges).describe(camera))
@@ -104,5 +109,7 @@ def pairs(sequence: Sequence, config: Config, count: int) -> list[Pair]:
         )
         T_world_key = tracked[now.keyframe].T_world_cam
         T_ref_last = se3.compose(se3.inverse(T_world_key), before.T_world_cam)
-        result.append(Pair(indices[now.keyframe], samples, T_ref_last))
+        T_earlier_last = se3.compose(se3.inverse(earlier.T_world_cam), before.T_world_cam)
+        T_ref_ahead = se3.compose(T_ref_last, T_earlier_last)
+        result.append(Pair(indices[now.keyframe], samples, T_ref_last, T_ref_ahead))
     return result

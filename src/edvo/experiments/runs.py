@@ -29,14 +29,15 @@ class Run:
         Over one second, by the TUM script's formula; None if too few frames have a pose.
     coverage : float
         Share of the frames that have a pose.
-    seconds : ndarray, shape (frames,), float64
-        Wall time of each call of `Odometry.track`.
+    seconds, processor_seconds : ndarray, shape (frames,), float64
+        Wall and processor time of each call of `Odometry.track`.
     """
 
     tracked: tuple[TrackedFrame, ...]
     errors: RelativePoseError | None
     coverage: float
     seconds: NDArray[np.float64]
+    processor_seconds: NDArray[np.float64]
 
     @property
     def iterations(self) -> NDArray[np.int64]:
@@ -70,13 +71,14 @@ def track(sequence: Sequence, overrides: Iterable[str] = (), *, preset: str = "p
     odometry = Odometry(sequence.camera, config)
     tracked, seconds = [], []
     for frame in sequence.frames:
-        begin = time.perf_counter()
+        begin = time.perf_counter(), time.process_time()
         tracked.append(odometry.track(frame))
-        seconds.append(time.perf_counter() - begin)
+        seconds.append((time.perf_counter() - begin[0], time.process_time() - begin[1]))
     trajectory = odometry.trajectory
     try:
         errors = relative_pose_error(sequence.truth, trajectory)
     except EvaluationError:
         errors = None
     share = coverage(len(trajectory), len(tracked))
-    return Run(tuple(tracked), errors, share, np.array(seconds))
+    wall, processor = np.array(seconds).T
+    return Run(tuple(tracked), errors, share, wall, processor)
