@@ -28,7 +28,7 @@ from edvo.report.reproduction import (
     run_stages,
     write_pages,
 )
-from edvo.report.reproduction_words import SIGNS, tally
+from edvo.report.reproduction_words import SIGNS, in_words, tally
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
@@ -118,7 +118,7 @@ def _tell(stage: Stage) -> None:
     how = "complete already" if stage.resumed else f"{stage.seconds:.0f} s"
     say(f"{stage.name}: {stage.title} ({how}); {tally(stage.outcome.findings)}")
     for finding in stage.outcome.findings:
-        say(f"  {SIGNS[finding.holds]}: {finding.claim}. {finding.sentence}")
+        say(f"  {SIGNS[finding.holds]}: {in_words(finding)}")
 
 
 @dataclass

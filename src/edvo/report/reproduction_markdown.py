@@ -9,6 +9,7 @@ from edvo.report.reproduction_words import (
     TITLE,
     Shown,
     findings_of,
+    in_words,
     numeric_columns,
     sequences_of,
     setting_of,
@@ -57,7 +58,7 @@ def markdown(stages: Sequence[Shown], bench: Bench) -> str:
         for table in stage.outcome.tables:
             parts += [f"**{table.title}**", markdown_table(table.header, table.rows)]
         for finding in stage.outcome.findings:
-            parts.append(f"- **{SIGNS[finding.holds]}**: {finding.claim}. {finding.sentence}")
+            parts.append(f"- **{SIGNS[finding.holds]}**: {in_words(finding)}")
         parts += [f"- Note: {note}" for note in stage.outcome.notes]
     return "\n\n".join(parts) + "\n"
 

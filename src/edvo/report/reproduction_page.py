@@ -12,6 +12,7 @@ from edvo.report.reproduction_words import (
     TITLE,
     Shown,
     findings_of,
+    in_words,
     numeric_columns,
     sequences_of,
     setting_of,
@@ -126,9 +127,7 @@ def _section(stage: Shown) -> str:
 def _outcome(outcome: Outcome) -> str:
     parts = []
     if outcome.findings:
-        items = "".join(
-            f"<li>{_sign(f)} {escape(f.claim)}. {escape(f.sentence)}</li>" for f in outcome.findings
-        )
+        items = "".join(f"<li>{_sign(f)} {escape(in_words(f))}</li>" for f in outcome.findings)
         parts.append(f"<ul>{items}</ul>")
     parts += [_figure(figure) for figure in outcome.figures]
     parts += [_table(table) for table in outcome.tables]

@@ -52,6 +52,22 @@ class Shown(Protocol):
         ...
 
 
+def in_words(finding: Finding) -> str:
+    """Say a finding: the claim, and what was measured.
+
+    Parameters
+    ----------
+    finding : Finding
+        What to say.
+
+    Returns
+    -------
+    str
+        Two sentences.
+    """
+    return f"{finding.claim.rstrip('.')}. {finding.sentence}"
+
+
 def findings_of(stages: Sequence[Shown]) -> list[tuple[str, Finding]]:
     """Collect all findings.
 
