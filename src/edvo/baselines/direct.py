@@ -10,6 +10,7 @@ ICRA 2004.
 """
 
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
@@ -123,29 +124,29 @@ class DirectAligner:
         for level in range(len(reference) - 1, -1, -1):
             points, image = reference[level].points, current[level].image
             pinhole = self._pinholes[self._finest + level]
-            if len(points) < self._robust.min_rows:
-                return None
-            pairs = np.empty((len(points), 2), np.float32)
-
-            def linearise(
-                T: NDArray[np.float64],
-                rows: NDArray[np.float32],
-                points: NDArray[np.float32] = points,
-                image: NDArray[np.float32] = image,
-                pinhole: Pinhole = pinhole,
-                pairs: NDArray[np.float32] = pairs,
-            ) -> int:
-                return kernels.photometric_rows(points, image, T, pinhole, rows, pairs)
-
-            found = fit(linearise, T_cur_ref, len(points), self._robust)
-            if found is None:
-                return None
-            T_cur_ref = found.T
             rows = np.empty((len(points), kernels.ROW), np.float32)
-            seen = pairs[: linearise(T_cur_ref, rows)]
+            pairs = np.empty((len(points), 2), np.float32)
+            photometric = partial(_photometric, points, image, pinhole, pairs)
+            found = fit(photometric, T_cur_ref, len(points), self._robust)
+            if found is not None:
+                T_cur_ref = found.T
+            elif level == 0:  # a coarse level may show too little: it only helps
+                return None
         # what is matched must look alike: differences alone are small in a dark image also
+        seen = pairs[: photometric(T_cur_ref, rows)]
         correlation = float(np.atleast_2d(np.corrcoef(seen.T))[0, 1])
         return se3.inverse(T_cur_ref) if correlation > MIN_CORRELATION else None
+
+
+def _photometric(
+    points: NDArray[np.float32],
+    image: NDArray[np.float32],
+    pinhole: Pinhole,
+    pairs: NDArray[np.float32],
+    T_cur_ref: NDArray[np.float64],
+    rows: NDArray[np.float32],
+) -> int:
+    return kernels.photometric_rows(points, image, T_cur_ref, pinhole, rows, pairs)
 
 
 def direct_odometry(camera: Camera, *, keyframes: KeyframeRule | None = None) -> PairwiseOdometry:
