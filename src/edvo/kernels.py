@@ -179,8 +179,8 @@ def strength_quantile(dx: NDArray[np.int16], dy: NDArray[np.int16], share: float
     total = 0
     for v in range(step // 2, dx.shape[0], step):
         for u in range(step // 2, dx.shape[1], step):
-            strength = abs(np.int32(dx[v, u])) + abs(np.int32(dy[v, u]))
-            counts[min(strength, counts.size - 1)] += 1
+            strength = np.abs(np.int64(dx[v, u])) + np.abs(np.int64(dy[v, u]))
+            counts[min(strength, np.int64(counts.size - 1))] += 1
             total += 1
     above, value = 0, counts.size - 1
     while value > 0 and above + counts[value] <= share * total:

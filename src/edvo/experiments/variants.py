@@ -27,6 +27,14 @@ VARIANTS = (
     Variant("edges: Canny 30/60", ("edges.low=30", "edges.high=60")),
     Variant("edges: Canny 50/100", ("edges.low=50", "edges.high=100")),
     Variant("edges: no blur", ("edges.blur_px=0",)),
+    Variant("edges: fixed thresholds", ("edges.strong_share=0",)),
+    Variant("edges: thresholds that follow the image", ("edges.strong_share=0.1",)),
+    Variant("planes: none", ("planes.weight=0",)),
+    Variant("planes: beside the edges", ("planes.weight=1",)),
+    Variant(
+        "planes: at full weight whatever the residuals", ("planes.weight=1", "planes.doubt=1e6")
+    ),
+    Variant("planes: at a fixed weight of 0.3", ("planes.weight=0.3", "planes.doubt=1e6")),
     Variant("depth: the pixel's own", ("edges.depth_window_px=1",)),
     Variant("depth: 3 x 3 window", ("edges.depth_window_px=3",)),
     Variant("depth: 7 x 7 window", ("edges.depth_window_px=7",)),

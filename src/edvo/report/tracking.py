@@ -14,6 +14,7 @@ from edvo.datasets import Reading, Source, read_ahead
 from edvo.errors import DatasetError, FrameError
 from edvo.frame import Frame
 from edvo.odometry import Status, TrackedFrame
+from edvo.registration import Alignment
 from edvo.trajectory import Trajectory
 
 # Decoding threads: a frame takes several times as long to decode as to track, and one more than
@@ -92,12 +93,34 @@ class Registration:
         Samples with a match, and with a good one.
     sigma_px : float
         Scale of the residuals, pixels.
+    plane_points : int
+        Points of the depth image near a plane of the keyframe.
+    sigma_depth : float
+        Scale of their distances, in units of the sensor's noise.
+    depth_balance : float
+        What they counted against the edges.
     """
 
     iterations: int
     matches: int
     inliers: int
     sigma_px: float
+    plane_points: int
+    sigma_depth: float
+    depth_balance: float
+
+    @classmethod
+    def of(cls, found: Alignment) -> "Registration":
+        """Take the numbers of a registration."""
+        return cls(
+            found.iterations,
+            found.match_count,
+            found.inliers,
+            found.sigma_px,
+            found.plane_points,
+            found.sigma_depth,
+            found.depth_balance,
+        )
 
 
 @dataclass(frozen=True)
@@ -332,9 +355,7 @@ def _record(
         is_keyframe=result.is_keyframe,
         edges=result.edges,
         samples=result.samples,
-        registration=None
-        if found is None
-        else Registration(found.iterations, found.match_count, found.inliers, found.sigma_px),
+        registration=None if found is None else Registration.of(found),
         track_s=track_s,
         stages=stages,
         problem=problem,
