@@ -10,7 +10,7 @@ from edvo import se3
 from edvo.camera import Camera
 from edvo.frame import Frame, register_depth
 
-_CRACK_NEIGHBOURS = 5  # of the eight, with depth, that make a pixel without depth a mere crack
+_CRACK_NEIGHBOURS = 6  # of the eight, with depth, that make a pixel without depth a mere crack
 _MARGIN_PX = 5  # what the blur, Sobel and Canny see around a pixel, and one more
 
 
