@@ -192,3 +192,12 @@ def test_settings_tell_what_decides(tmp_path: Path, data: Path) -> None:
 
 def test_remembered_once(bench: Bench) -> None:
     assert bench.remember("key", lambda: [1]) is bench.remember("key", lambda: [2])
+
+
+def test_the_recordings_at_hand(real_data: Path, tmp_path: Path) -> None:
+    bench = tiny_bench(tmp_path, data=real_data)
+    real = {sequence.name for sequence in bench.sequences() if sequence.is_real}
+    assert "fr3/structure_notexture_far" in real
+    assert real <= set(bench.names)
+    if "fr3/cabinet_sparse" in real and "fr3/cabinet" not in real:
+        assert bench.sequence("fr3/cabinet").label.startswith("stand-in")
