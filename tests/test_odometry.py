@@ -322,6 +322,7 @@ def test_found_again_back_at_the_keyframe(room):
     """Matches must be near here: from where it was lost, registration would not find home."""
     frames, truth = room
     rules = ("matching.max_distance_px=4", "keyframes.rule=gap", "keyframes.gap_frames=1000")
+    rules += ("motion.search_deg=0",)
     odometry, results = track(frames, *rules)
     assert {result.status for result in results} == {Status.TRACKED}
     assert odometry.track(at(frames[0], 20.0)).status is Status.LOST

@@ -246,6 +246,11 @@ class MotionConfig(Section):
     prior_stride: Annotated[int, Field(ge=1)] = Field(
         default=4, description="the check looks at one sample in so many"
     )
+    search_deg: Annotated[float, Field(ge=0, le=45)] = Field(
+        default=6.0,
+        description="a registration that is in doubt is tried again from turns of so much, and "
+        "twice that, to either side; 0 for none. Not in the paper",
+    )
     max_speed_m_s: Positive = Field(default=5.0, description="a faster pose is an error")
     max_turn_deg_s: Positive = Field(default=500.0, description="a faster turn is an error")
 
@@ -262,6 +267,11 @@ class StatusConfig(Section):
     )
     doubt_inliers: Fraction = Field(
         default=0.65, description="share below which a tracked frame is called degraded"
+    )
+    max_depth_sigma: Positive = Field(
+        default=5.0,
+        description="a degraded frame whose depth is off the planes of the keyframe by more than "
+        "so many times the sensor's noise is lost: edges and depth contradict each other",
     )
 
 
@@ -437,6 +447,7 @@ PRESETS: dict[str, dict[str, Any]] = {
     "paper": {
         "edges": {"strong_share": 0.0},
         "planes": {"weight": 0.0},
+        "motion": {"search_deg": 0.0},
         "sampling": {"count": 450},
         "registration": {"weight": "t"},
     },

@@ -43,6 +43,23 @@ class EdgePixels:
     def __len__(self) -> int:
         return len(self.pixels)
 
+    def every(self, stride: int) -> "EdgePixels":
+        """Take each n-th one only.
+
+        Parameters
+        ----------
+        stride : int
+
+        Returns
+        -------
+        EdgePixels
+        """
+        return EdgePixels(
+            np.ascontiguousarray(self.pixels[::stride]),
+            np.ascontiguousarray(self.gradients[::stride]),
+            np.ascontiguousarray(self.depths[::stride]),
+        )
+
     def points(self, camera: Camera) -> NDArray[np.float64]:
         """Back-project into the camera frame, pi^-1 of Eq. (1).
 

@@ -16,7 +16,7 @@ from edvo.edges import EdgeBuffers, EdgeImage, EdgePixels, extract_edges
 from edvo.errors import FrameError, TrajectoryError
 from edvo.frame import Frame
 from edvo.keyframes import Keyframe, is_due
-from edvo.planes import PlaneFitter
+from edvo.planes import PlaneFitter, PlanePoints
 from edvo.registration import Alignment, Registration
 from edvo.sampling import sample_edges
 from edvo.trajectory import Trajectory
@@ -28,6 +28,8 @@ logger = logging.getLogger(__name__)
 SEED_STRIDE = 1_000_003  # frames that seeds keep apart
 LONGEST_PREDICTION_S = 0.2  # beyond it a constant velocity says nothing about a hand
 SHORTEST_PERIOD_S = 1e-3  # closer stamps are no more than a clock's jitter
+SEARCH_STRIDE = 4  # a search far afield takes one sample in so many
+AGREEING_SIGMA = 3.0  # times the sensor's noise, at which depth agrees half
 NOMINAL_PERIOD_S = 1 / 30  # stands in where stamps repeat, all but repeat, or go back
 
 
@@ -193,11 +195,13 @@ class Odometry:
         with clock("planes"):
             points = self._fitter.points(frame.depth)
         with clock("registration"):
-            starts, key = self._starts(frame.timestamp), self._keyframe
-            alignment = self._registration.align(
-                key.edges, samples, starts, key.planes, points, self._fitter.term
-            )
+            alignment = self._register(samples, points, self._starts(frame.timestamp))
         status, reason = self._judge(alignment, frame.timestamp)
+        if status is not Status.TRACKED and config.motion.search_deg:
+            with clock("search"):
+                starts = self._search(samples, points, alignment)
+                alignment = self._register(samples, points, starts)
+            status, reason = self._judge(alignment, frame.timestamp)
         if status is Status.LOST:
             return self._lose(frame.timestamp, reason, len(edges), len(samples), alignment)
         return self._accept(frame, status, reason, edges, samples, alignment)
@@ -218,6 +222,36 @@ class Odometry:
             ``LOST``, with a predicted pose.
         """
         return self._lose(timestamp, reason, 0, 0, None)
+
+    def _register(
+        self, samples: EdgePixels, points: PlanePoints, starts: NDArray[np.float64]
+    ) -> Alignment:
+        """Register with the keyframe."""
+        assert self._keyframe is not None
+        key = self._keyframe
+        return self._registration.align(
+            key.edges, samples, starts, key.planes, points, self._fitter.term
+        )
+
+    def _search(
+        self, samples: EdgePixels, points: PlanePoints, found: Alignment
+    ) -> NDArray[np.float64]:
+        """Look farther afield, with few samples, for where both edges and depth agree best.
+
+        A hand turns a camera faster than it carries it, so what an image moves by is mostly yaw
+        and pitch.
+        """
+        few = samples.every(SEARCH_STRIDE)
+        angle = math.radians(self.config.motion.search_deg)
+        best, most = found.T_ref_cur, _agreement(found, points)
+        for yaw in (-2, -1, 0, 1, 2):
+            for pitch in (-1, 0, 1):
+                turn = se3.exp(np.array([0.0, 0.0, 0.0, pitch * angle, yaw * angle, 0.0]))
+                tried = self._register(few, points, (turn @ self._T_key_last)[None])
+                agreement = _agreement(tried, points)
+                if agreement > most:
+                    best, most = tried.T_ref_cur, agreement
+        return best[None]
 
     def _check_size(self, frame: Frame) -> None:
         height, width = frame.grey.shape
@@ -358,11 +392,25 @@ class Odometry:
         turn = math.degrees(se3.rotation_angle(T_last_cur)) / period
         if speed > motion.max_speed_m_s or turn > motion.max_turn_deg_s:
             return Status.LOST, f"implausible jump: {speed:.1f} m/s, {turn:.0f} deg/s"
+        doubt = ""
         if not alignment.converged:
-            return Status.DEGRADED, alignment.reason
-        if share < status.doubt_inliers:
-            return Status.DEGRADED, f"only {share:.0%} of the samples fit"
-        return Status.TRACKED, ""
+            doubt = alignment.reason
+        elif share < status.doubt_inliers:
+            doubt = f"only {share:.0%} of the samples fit"
+        if doubt and alignment.depth_balance and alignment.sigma_depth > status.max_depth_sigma:
+            return Status.LOST, f"{doubt}, and depth contradicts the edges"
+        return (Status.DEGRADED, doubt) if doubt else (Status.TRACKED, "")
+
+
+def _agreement(alignment: Alignment, points: PlanePoints) -> float:
+    """Say how well a registration fits, from 0 to 1: the edges' share, times that of depth."""
+    if alignment.reason in FAILURES:
+        return 0.0
+    edges = alignment.inliers / len(alignment.matches)
+    if not len(points.sigma):
+        return edges
+    near = alignment.plane_points / len(points.sigma)
+    return edges * near / (1 + alignment.sigma_depth / AGREEING_SIGMA)
 
 
 FAILURES = ("too few matches", "edges do not constrain the motion")
