@@ -516,7 +516,7 @@ def _list(means: Mapping[str, float], how: str) -> str:
 
 EXPERIMENT = Experiment(
     "fig2",
-    "edge extractors under two lights",
+    "Edge extractors under two lights",
     "Sobel, zero-crossing DoG and Canny edges of two images of different brightness: Canny's are "
     "the most reliable, the others, with a single threshold, are not consistent.",
     run,
