@@ -53,7 +53,7 @@ def test_a_figure_for_real(edvo: Command, small: None, tmp_path: Path) -> None:
     out = tmp_path / "out"
     done = edvo("reproduce", "fig11", "--quick", "-o", out, "--data", data)
     assert done.status == 0, done.err
-    assert "fig11: the sequences" in done.out
+    assert "fig11: The sequences" in done.out
     assert "disagrees: Images one second apart" in done.out
     assert f"wrote {out / 'index.html'}" in done.out
     assert (out / "fig11" / "contact_sheet.png").exists()

@@ -328,7 +328,7 @@ def _half_period(frequency: float) -> Finding:
 
 EXPERIMENT = Experiment(
     "fig11",
-    "the sequences, half a period of the light apart",
+    "The sequences, half a period of the light apart",
     "Representative images of the six relit sequences, two each, one second apart, which it "
     "calls half a period of the light.",
     run,

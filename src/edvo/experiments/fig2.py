@@ -441,46 +441,53 @@ def _pictures(sequence: Sequence, frame: Frame, configs: Mapping[str, EdgesConfi
 
 def _plot(results: Results) -> Figure:
     figure = new_figure(10.0, 4.2)
-    kinds = {
-        "texture": [name for name in TEXTURED if (name, "canny", RELIT) in results],
-        "little texture": [
-            name
-            for name in PAPER_SEQUENCES
-            if name not in TEXTURED and (name, "canny", RELIT) in results
-        ],
-    }
+    kinds = _kinds(results)
+    panels = figure.subplots(1, len(kinds), sharey=True, squeeze=False)[0]
     places = np.arange(len(CONDITIONS))
-    for axes, (kind, names) in zip(figure.subplots(1, 2, sharey=True), kinds.items(), strict=True):
+    for axes, (kind, names) in zip(panels, kinds.items(), strict=True):
         for number, (extractor, title) in enumerate(EXTRACTORS.items()):
             shares = [
                 100 * fmean(results[name, extractor, condition].beyond_chance for name in names)
-                if names
-                else 0.0
                 for condition in CONDITIONS
             ]
             axes.bar(places + 0.27 * (number - 1), shares, 0.25, label=title)
         axes.set_xticks(places, CONDITIONS, rotation=15)
         axes.set_title(f"{kind} ({', '.join(map(short_name, names))})", fontsize=9)
         tidy(axes)
-        axes.set_ylabel("edges found again within 1 px, beyond chance (%)", fontsize=8)
-        axes.legend(frameon=False)
+    panels[0].set_ylabel("edges found again within 1 px, beyond chance (%)", fontsize=8)
+    handles, titles = panels[0].get_legend_handles_labels()
+    figure.legend(handles, titles, loc="outside lower center", ncols=3, frameon=False)
     caption = "Share of edge pixels found again within one pixel, beyond chance, by extractor."
     return Figure("repeatability", caption, to_png(figure))
 
 
-def _most_recurring(results: Results, conditions: tuple[str, ...], when: str) -> Finding:
-    means = {
-        extractor: fmean(
-            found.beyond_chance
-            for (_, name, condition), found in results.items()
-            if name == extractor and condition in conditions
-        )
-        for extractor in _TITLES
+def _kinds(results: Results) -> dict[str, list[str]]:
+    """Sort the sequences by whether they have texture; only kinds that there are."""
+    names = dict.fromkeys(name for name, _, _ in results)
+    kinds = {
+        "texture": [name for name in names if name in TEXTURED],
+        "little texture": [name for name in names if name not in TEXTURED],
     }
+    return {kind: those for kind, those in kinds.items() if those}
+
+
+def _most_recurring(results: Results, conditions: tuple[str, ...], when: str) -> Finding:
+    won, parts = [], []
+    for kind, names in _kinds(results).items():
+        means = {
+            extractor: fmean(
+                results[name, extractor, condition].beyond_chance
+                for name in names
+                for condition in conditions
+            )
+            for extractor in _TITLES
+        }
+        won.append(_best(means) == "canny")
+        parts.append(f"{kind}: {_list(means, '.0%')}")
     return Finding(
         f"Of the three extractors Canny's edges are the most reliable {when}",
-        _best(means) == "canny",
-        f"Found again within 1 px, beyond chance, mean over sequences: {_list(means, '.1%')}.",
+        all(won),
+        f"Found again within 1 px, beyond chance; {'. '.join(parts)}.",
     )
 
 
@@ -516,7 +523,7 @@ def _list(means: Mapping[str, float], how: str) -> str:
 
 EXPERIMENT = Experiment(
     "fig2",
-    "edge extractors under two lights",
+    "Edge extractors under two lights",
     "Sobel, zero-crossing DoG and Canny edges of two images of different brightness: Canny's are "
     "the most reliable, the others, with a single threshold, are not consistent.",
     run,

@@ -397,10 +397,11 @@ def compare_turned(shares: list[float], rates: dict[tuple[int, float], Rates]) -
     str
         A sentence. The paper compares gradients as they are (Eq. 6), though roll turns them.
     """
-    ends = [share for share in shares if abs(share) == 1]
+    end = max(shares)
+    ends = [share for share in shares if abs(share) == end]
     plain, turned = (_mean(rates, method, [ROLL], ends) for method in ("robust", "turned"))
     return (
-        f"With a roll of {degrees(FURTHEST[ROLL]):g}° the robust criterion matches {plain:.1%}, "
+        f"With a roll of {degrees(end * FURTHEST[ROLL]):g}° the robust criterion matches {plain:.1%}, "
         f"and {turned:.1%} if the gradients are turned by it first, which takes to know it."
     )
 

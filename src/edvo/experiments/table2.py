@@ -244,7 +244,7 @@ def as_published(scores: Scores, sequences: list[Sequence], published: Published
 
 EXPERIMENT = Experiment(
     "table2",
-    "errors of all systems, constant light",
+    "Errors of all systems, constant light",
     "RMSE and median of the drift of SVO, ORB, DVO, DSO and the method on six TUM sequences: "
     "similar where there is texture; where there is little, the others fail or jump.",
     run,

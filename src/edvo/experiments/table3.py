@@ -180,7 +180,7 @@ def _others_worse(constant: Scores, changing: Scores) -> Finding:
 
 EXPERIMENT = Experiment(
     "table3",
-    "errors of all systems, changing light",
+    "Errors of all systems, changing light",
     "The same under two synthetic lights, ambient and diffuse, at 2 Hz with sudden jumps: the "
     "method goes on as before, ORB where there is texture; the others degrade or fail.",
     run,
