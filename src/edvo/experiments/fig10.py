@@ -157,7 +157,7 @@ def make_table(name: str, grid: Grid) -> Table:
             (
                 READINGS[reading],
                 str(gap),
-                *(f"{1e3 * cell.rmse:.1f}" for cell in cells),
+                *(f"{1e3 * cell.rmse:.1f}" if cell.rmse >= 0 else "-" for cell in cells),
                 *(f"{cell.steps:.1f} ± {cell.deviation:.1f}" for cell in cells),
                 " / ".join(f"{1 - cell.coverage:.0%}" for cell in cells),
             )
@@ -282,7 +282,12 @@ def _judge_gap(grids: dict[str, Grid]) -> Finding:
     for name, grid in grids.items():
         gaps = _gaps(grid)
         begin, end = grid["tracked", "robust", gaps[0]].rmse, _large(grid, "robust")
-        numbers = f"{1e3 * begin:.1f} mm/s at a gap of {gaps[0]}, {1e3 * end:.1f} at large ones"
+        drift = {gap: 1e3 * grid["tracked", "robust", gap].rmse for gap in gaps}
+        best = min(gaps, key=lambda gap: np.nan_to_num(drift[gap], nan=np.inf))
+        numbers = (
+            f"{drift[gaps[0]]:.1f} mm/s at a gap of {gaps[0]}, {1e3 * end:.1f} at large ones, the "
+            f"lowest {drift[best]:.1f} at {best}"
+        )
         said[name] = (end < begin, numbers)
     return _finding(
         "The larger the gap between keyframes, the lower the drift (robust criterion; large is "

@@ -401,8 +401,9 @@ def compare_turned(shares: list[float], rates: dict[tuple[int, float], Rates]) -
     ends = [share for share in shares if abs(share) == end]
     plain, turned = (_mean(rates, method, [ROLL], ends) for method in ("robust", "turned"))
     return (
-        f"With a roll of {degrees(end * FURTHEST[ROLL]):g}° the robust criterion matches {plain:.1%}, "
-        f"and {turned:.1%} if the gradients are turned by it first, which takes to know it."
+        f"With a roll of {degrees(end * FURTHEST[ROLL]):g}° the robust criterion matches "
+        f"{plain:.1%}, and {turned:.1%} if the gradients are turned by it first, as they could be "
+        "if it were known."
     )
 
 
