@@ -3,7 +3,8 @@
 Matching and the update of the motion run inside one compiled kernel, ``kernels.align``. Its
 Python source calls the same compiled parts, so running that source instead gives each warp and
 each search with the very arguments it had. The cost of entering compiled code from Python is
-taken off: it is that of an empty kernel with the same arguments.
+taken off: it is that of an empty kernel with the same arguments. Times are those of the processor
+in this thread, so that what else the machine does is not taken for a part of them.
 """
 
 import inspect
@@ -61,10 +62,10 @@ class Parts:
     Parameters
     ----------
     whole : float
-        Seconds of `Registration.align` as it is.
+        Processor seconds of `Registration.align` as it is.
     matching : float
-        Seconds of warping and matching in it, where a match is kept without a search if it
-        provably still is the best.
+        Processor seconds of warping and matching in it, where a match is kept without a search
+        if it provably still is the best.
     queries : list of Query
         One for each warp.
     """
@@ -87,17 +88,18 @@ def seconds(call: Callable[[], object], repeats: int) -> float:
     Returns
     -------
     float
-        Median, each measured over enough calls to be long against the clock.
+        Median of the processor's seconds, each measured over enough calls to be long against the
+        clock.
     """
-    begin = time.perf_counter()
+    begin = time.thread_time()
     call()
-    times = 1 + int(_SHORTEST_S / max(time.perf_counter() - begin, 1e-7))
+    times = 1 + int(_SHORTEST_S / max(time.thread_time() - begin, 1e-7))
     taken = []
     for _ in range(repeats):
-        begin = time.perf_counter()
+        begin = time.thread_time()
         for _ in range(times):
             call()
-        taken.append((time.perf_counter() - begin) / times)
+        taken.append((time.thread_time() - begin) / times)
     return median(taken)
 
 
@@ -138,11 +140,11 @@ def take_apart(registration: Registration, pair: Pair, repeats: int) -> Parts:
             for _ in range(repeats):
                 for array, content in zip(state, before, strict=True):
                     array[...] = content
-                begin = time.perf_counter()
+                begin = time.thread_time()
                 _nothing(*arguments)
-                middle = time.perf_counter()
+                middle = time.thread_time()
                 result = part(*arguments)
-                taken.append(time.perf_counter() - middle - (middle - begin))
+                taken.append(time.thread_time() - middle - (middle - begin))
             spent.append(median(taken))
             if state:
                 queries.append(_query(given))
@@ -179,7 +181,7 @@ def search_times(grid: EdgeIndex, tree: EdgeIndex, queries: list[Query]) -> tupl
     Returns
     -------
     tuple of float
-        Seconds by grid and by tree, over all queries.
+        Processor seconds by grid and by tree, over all queries.
 
     Raises
     ------
@@ -190,9 +192,9 @@ def search_times(grid: EdgeIndex, tree: EdgeIndex, queries: list[Query]) -> tupl
     for query in queries:
         costs = []
         for number, index in enumerate((grid, tree)):
-            begin = time.perf_counter()
+            begin = time.thread_time()
             matches = index.match(query.pixels, query.gradients, query.criterion)
-            totals[number] += time.perf_counter() - begin
+            totals[number] += time.thread_time() - begin
             costs.append(matches.costs)
         if not np.allclose(costs[0], costs[1], rtol=1e-5):
             raise EvaluationError("tree and grid found different matches; one of them is wrong")
