@@ -1,4 +1,6 @@
 import gc
+import os
+import sys
 import threading
 import time
 
@@ -98,3 +100,18 @@ def test_a_real_source_reads_the_same_ahead(make_folder):
         again = source.read(reading.index)
         assert (reading.frame.grey == again.frame.grey).all()
         assert (reading.frame.depth == again.frame.depth).all()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="threads have a niceness of their own on Linux")
+def test_threads_give_way_and_the_caller_does_not():
+    def niceness():
+        return os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
+
+    class Asking:
+        def read(self, index):
+            return niceness()
+
+    before = niceness()
+    seen = list(read_ahead(Asking(), range(4)))
+    assert seen == [min(before + 2, 19)] * 4
+    assert niceness() == before

@@ -4,11 +4,20 @@ Decoding a pair of PNG images costs more than tracking it, and OpenCV releases t
 lock meanwhile, so that threads are enough to keep every core busy.
 """
 
+import os
+import sys
+import threading
 from collections import deque
 from collections.abc import Generator, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 
 from edvo.datasets.source import Reading, Source
+
+
+# How much more willingly than the tracker a decoding thread gives up its core: enough that a frame
+# is not tracked on a third of one, and so little that decoding hardly ends later.
+_NICENESS = 2
 
 
 def read_ahead(
@@ -53,7 +62,9 @@ def _read_ahead(
 ) -> Generator[Reading, None, None]:
     wanted = iter(indices)
     pending: deque[Future[Reading]] = deque()
-    pool = ThreadPoolExecutor(max_workers=workers, thread_name_prefix="edvo-read")
+    pool = ThreadPoolExecutor(
+        max_workers=workers, thread_name_prefix="edvo-read", initializer=_give_way
+    )
     try:
         for index in wanted:
             pending.append(pool.submit(source.read, index))
@@ -63,3 +74,12 @@ def _read_ahead(
             yield pending.popleft().result()
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _give_way() -> None:
+    """Let the thread that tracks go first where there are fewer cores than threads."""
+    if sys.platform == "linux":  # elsewhere the niceness is the process's
+        thread = threading.get_native_id()
+        with suppress(OSError):
+            now = os.getpriority(os.PRIO_PROCESS, thread)
+            os.setpriority(os.PRIO_PROCESS, thread, now + _NICENESS)
