@@ -14,7 +14,6 @@ from contextlib import suppress
 
 from edvo.datasets.source import Reading, Source
 
-
 # How much more willingly than the tracker a decoding thread gives up its core: enough that a frame
 # is not tracked on a third of one, and so little that decoding hardly ends later.
 _NICENESS = 2
