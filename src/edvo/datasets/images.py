@@ -1,5 +1,7 @@
 """Image files to frames, with each way they can be bad put into one line."""
 
+from collections.abc import Iterable
+from itertools import islice
 from pathlib import Path
 
 import cv2
@@ -7,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edvo.camera import Camera
-from edvo.datasets.source import Reading
-from edvo.errors import FrameError, NoDepthError
+from edvo.errors import DatasetError, FrameError, NoDepthError
 from edvo.frame import Frame
 
 _PNG = b"\x89PNG\r\n\x1a\n"
@@ -55,6 +56,57 @@ def load_image(path: Path) -> NDArray[np.generic]:
     return np.asarray(image)
 
 
+def load_colour(path: Path) -> NDArray[np.uint8]:
+    """Read a colour or grey image.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        Image of 8 bits.
+
+    Returns
+    -------
+    ndarray of uint8, shape (H, W) or (H, W, C)
+        Grey as grey, colour as BGR(A).
+
+    Raises
+    ------
+    FrameError
+        If it cannot be read or has other values; the message names it.
+    """
+    colour = load_image(path)
+    if colour.dtype != np.uint8:
+        raise FrameError(f"{path} has {colour.dtype} values; colour must have 8 bits")
+    return np.asarray(colour, np.uint8)
+
+
+def load_depth(path: Path) -> NDArray[np.uint16]:
+    """Read a depth image.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        Image of 16 bits.
+
+    Returns
+    -------
+    ndarray of uint16, shape (H, W)
+        The values of the file.
+
+    Raises
+    ------
+    FrameError
+        If it cannot be read or has other values; the message names it.
+    """
+    depth = load_image(path)
+    if depth.dtype != np.uint16 or depth.ndim != 2:
+        channels = 1 if depth.ndim == 2 else depth.shape[2]
+        raise FrameError(
+            f"{path} has {channels} x {depth.dtype} a pixel; depth must be one 16-bit value"
+        )
+    return np.asarray(depth, np.uint16)
+
+
 def load_frame(timestamp: float, colour_path: Path, depth_path: Path, camera: Camera) -> Frame:
     """Read the two images of a frame.
 
@@ -70,8 +122,7 @@ def load_frame(timestamp: float, colour_path: Path, depth_path: Path, camera: Ca
     Returns
     -------
     Frame
-        Grey made from colour by OpenCV's weights (decoding straight to grey gives other
-        values); depth in metres.
+        See `make_frame`.
 
     Raises
     ------
@@ -80,55 +131,92 @@ def load_frame(timestamp: float, colour_path: Path, depth_path: Path, camera: Ca
     NoDepthError
         If no depth value is valid.
     """
-    colour = load_image(colour_path)
-    depth = load_image(depth_path)
-    if colour.dtype != np.uint8:
-        raise FrameError(f"{colour_path} has {colour.dtype} values; colour must have 8 bits")
-    if depth.dtype != np.uint16 or depth.ndim != 2:
-        channels = 1 if depth.ndim == 2 else depth.shape[2]
+    colour, depth = load_colour(colour_path), load_depth(depth_path)
+    return make_frame(timestamp, (colour_path, colour), (depth_path, depth), camera)
+
+
+def make_frame(
+    timestamp: float,
+    colour: tuple[Path | str, NDArray[np.uint8]],
+    depth: tuple[Path | str, NDArray[np.uint16] | NDArray[np.float32]],
+    camera: Camera,
+) -> Frame:
+    """Make a frame of two images.
+
+    Parameters
+    ----------
+    timestamp : float
+        Seconds.
+    colour : (path or str, ndarray)
+        What errors call the colour image, and its BGR(A) or grey values.
+    depth : (path or str, ndarray)
+        The same of the depth image: 16-bit values of the camera's ``depth_scale``, or metres.
+    camera : Camera
+        Gives the size that both must have and the depth value of one metre.
+
+    Returns
+    -------
+    Frame
+        Grey made from colour by OpenCV's weights (decoding straight to grey gives other
+        values); depth in metres.
+
+    Raises
+    ------
+    FrameError
+        If the sizes differ from each other or from the camera's; the message names the image.
+    NoDepthError
+        If no depth value is valid.
+    """
+    (colour_name, colour_image), (depth_name, depth_image) = colour, depth
+    if colour_image.shape[:2] != depth_image.shape:
         raise FrameError(
-            f"{depth_path} has {channels} x {depth.dtype} a pixel; depth must be one 16-bit value"
-        )
-    if colour.shape[:2] != depth.shape:
-        raise FrameError(
-            f"{colour_path} is {_size(colour)} and {depth_path} is {_size(depth)}; "
+            f"{colour_name} is {_size(colour_image)} and {depth_name} is {_size(depth_image)}; "
             "depth must be registered to colour"
         )
-    if depth.shape != (camera.height, camera.width):
+    if depth_image.shape != (camera.height, camera.width):
         raise FrameError(
-            f"{colour_path} is {_size(colour)} and the camera is "
+            f"{colour_name} is {_size(colour_image)} and the camera is "
             f"{camera.width}x{camera.height}; give the camera of these images"
         )
     try:
         return Frame.from_images(
-            timestamp, colour, depth, depth_scale=camera.depth_scale, order="bgr"
+            timestamp, colour_image, depth_image, depth_scale=camera.depth_scale, order="bgr"
         )
     except NoDepthError as error:
-        raise NoDepthError(f"{depth_path} has no valid depth value") from error
+        raise NoDepthError(f"{depth_name} has no valid depth value") from error
     except FrameError as error:
-        raise FrameError(f"{colour_path}: {error}") from error
+        raise FrameError(f"{colour_name}: {error}") from error
 
 
-def load_reading(
-    index: int,
-    stamp: str,
-    timestamp: float,
-    colour_path: Path,
-    depth_path: Path,
-    camera: Camera,
-) -> Reading:
-    """Read a frame, or what is wrong with it; see `load_frame` for the parameters.
+def first_size(paths: Iterable[Path]) -> tuple[int, int]:
+    """Find the size of the images of a recording, where nothing else tells it.
+
+    Parameters
+    ----------
+    paths : iterable of pathlib.Path
+        Images of one size.
 
     Returns
     -------
-    Reading
-        With a frame or with a problem.
+    (int, int)
+        Width and height of the first that can be read.
+
+    Raises
+    ------
+    DatasetError
+        If none of the first ten can be read; the message names the first.
     """
-    try:
-        frame = load_frame(timestamp, colour_path, depth_path, camera)
-    except FrameError as error:
-        return Reading(index, stamp, timestamp, None, str(error))
-    return Reading(index, stamp, timestamp, frame, None)
+    problem = "there are no images"
+    for number, path in enumerate(islice(paths, 10)):
+        try:
+            image = load_image(path)
+        except FrameError as error:
+            problem = str(error) if number == 0 else problem
+            continue
+        return image.shape[1], image.shape[0]
+    raise DatasetError(
+        f"{problem}, nor can the images after it; give --camera FILE with their size"
+    )
 
 
 def _is_cut_short(data: bytes) -> bool:

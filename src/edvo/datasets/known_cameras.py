@@ -6,6 +6,7 @@ at integers, as everywhere here.
 
 import os
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 from edvo.camera import Camera
@@ -132,12 +133,15 @@ def find_camera(camera: str | os.PathLike[str]) -> Camera:
 
 
 def choose_camera(
-    folder: Path, camera: Camera | str | os.PathLike[str] | None = None
+    folder: Path,
+    camera: Camera | str | os.PathLike[str] | None = None,
+    *,
+    stated: Callable[[], tuple[Camera, str]] | None = None,
 ) -> tuple[Camera, str]:
     """Settle which camera took the images in a folder.
 
-    What the user says wins, then what the folder says (``camera.yaml``), then what its name
-    says: from the most deliberate statement to the least.
+    What the user says wins, then what the folder says (``camera.yaml``, then the format's own
+    file), then what its name says: from the most deliberate statement to the least.
 
     Parameters
     ----------
@@ -145,6 +149,8 @@ def choose_camera(
         The sequence's folder.
     camera : Camera, path-like or str, optional
         A camera, a camera file, or a name of `KNOWN_CAMERAS`.
+    stated : callable, optional
+        Gives the camera that the format itself states, and where; in place of the name's.
 
     Returns
     -------
@@ -166,6 +172,8 @@ def choose_camera(
     beside = folder / CAMERA_FILE
     if beside.exists():
         return Camera.from_yaml(beside), f"{CAMERA_FILE} in the folder"
+    if stated is not None:
+        return stated()
     known = recognise_camera(folder)
     if known is not None:
         return known[0], f"recognised as {known[0].name} by the name '{known[1]}'"

@@ -13,10 +13,9 @@ count as thirtieths of a second.
 """
 
 import math
-import os
 import re
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -24,17 +23,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from edvo.camera import Camera
 from edvo.datasets.association import MAX_DIFFERENCE_S, associate
-from edvo.datasets.images import load_reading
 from edvo.datasets.known_cameras import choose_camera
-from edvo.datasets.source import Reading, Source, describe_timing
+from edvo.datasets.listed import CameraChoice, ImagePair, Truth, pair_source
+from edvo.datasets.source import Source
 from edvo.errors import DatasetError, TrajectoryError
 from edvo.trajectory import Trajectory
 
 COLOUR_LIST = "rgb.txt"
 DEPTH_LIST = "depth.txt"
-PAIR_LISTS = ("associations.txt", "association.txt", "associate.txt")
+PAIR_LISTS = ("associations.txt", "association.txt", "associate.txt", "associated.txt")
 GROUND_TRUTH = "groundtruth.txt"
 
 INDEX_RATE_HZ = 30.0
@@ -45,6 +43,8 @@ _INDEX_LIMIT = 1_000_000
 
 # Colour images without depth are usual (4 % in the TUM excerpts at hand) up to about this share.
 _USUAL_LOSS = 0.1
+
+_WITHIN = f"within {MAX_DIFFERENCE_S * 1e3:g} ms"
 
 
 @dataclass(frozen=True)
@@ -77,187 +77,195 @@ class TumFormat:
 
     def recognise(self, path: Path) -> str | None:
         """Say which of the lists are there; one is enough, so that `open` can miss the other."""
-        lists = [name for name in (COLOUR_LIST, DEPTH_LIST, *PAIR_LISTS) if (path / name).is_file()]
-        return " and ".join(lists) or None
+        return lists_in(path)
 
-    def open(self, path: Path, *, camera: Camera | str | os.PathLike[str] | None = None) -> Source:
-        """Open a folder; see `TumSource`."""
-        return TumSource(path, camera=camera)
+    def open(self, path: Path, *, camera: CameraChoice = None) -> Source:
+        """Open a folder: its colour images that have a depth image."""
+        listed = read_lists(path)
+        return pair_source(
+            path,
+            listed.pairs,
+            format=self.name,
+            recognised_by=self.recognise(path),
+            camera=choose_camera(path, camera),
+            truth=lambda: read_truth(path / GROUND_TRUTH, listed),
+            warnings=listed.warnings,
+            facts=listed.facts,
+        )
 
 
-class TumSource:
-    """The frames of a TUM RGB-D folder: colour images that have a depth image.
+@dataclass(frozen=True)
+class Listed:
+    """What the lists of a folder hold.
 
     Parameters
     ----------
-    path : pathlib.Path
-        The folder.
-    camera : Camera, path-like or str, optional
-        Instead of what the folder says.
+    pairs : tuple of ImagePair
+        The frames, in order of time.
+    by_index : bool
+        Whether the stamps are frame numbers.
+    without_depth : int
+        Colour images that are left out.
+    warnings : tuple of str
+        What looks wrong with the lists, a line each.
+    """
+
+    pairs: tuple[ImagePair, ...]
+    by_index: bool
+    without_depth: int
+    warnings: tuple[str, ...]
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """What a source tells of its lists."""
+        return {"colour_images_without_depth": self.without_depth}
+
+
+def lists_in(folder: Path) -> str | None:
+    """Say which of the lists are in a folder.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        Where to look.
+
+    Returns
+    -------
+    str or None
+        Their names, for people; None if there is none.
+    """
+    names = (COLOUR_LIST, DEPTH_LIST, *PAIR_LISTS)
+    return " and ".join(name for name in names if (folder / name).is_file()) or None
+
+
+def read_lists(
+    folder: Path, *, colour_list: str = COLOUR_LIST, depth_list: str = DEPTH_LIST
+) -> Listed:
+    """Read which images a folder holds, and which belong together.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        With a colour and a depth list, or a list of pairs.
+    colour_list, depth_list : str
+        Their names.
+
+    Returns
+    -------
+    Listed
+        The colour images that have a depth image.
 
     Raises
     ------
     DatasetError
-        If a list is missing, empty or has a bad row, or no image has a partner, or nothing tells
-        the camera.
-    CameraError
-        If the camera file is wrong.
+        If a list is missing, empty or has a bad row, or no image has a partner.
     """
+    if not folder.is_dir():
+        raise DatasetError(f"{folder} is not a folder; give {TumFormat.layout}")
+    warnings: list[str] = []
 
-    format = TumFormat.name
+    def in_order(name: str, rows: list[Row]) -> list[Row]:
+        rows, told = _in_order(name, rows)
+        warnings.extend(told)
+        return rows
 
-    def __init__(
-        self, path: Path, *, camera: Camera | str | os.PathLike[str] | None = None
-    ) -> None:
-        if not path.is_dir():
-            raise DatasetError(f"{path} is not a folder; give {TumFormat.layout}")
-        self.path = path
-        self.name = path.name
-        self._warnings: list[str] = []
-        self._without_depth = 0
-        rows = self._read_lists()
-        self.camera, self.camera_origin = choose_camera(path, camera)
-        self.stamps = tuple(row.stamp for row in rows)
-        self._by_index = all(is_index(stamp) for stamp in self.stamps)
-        times = np.array([row.time for row in rows])
-        if self._by_index:
-            times = times / INDEX_RATE_HZ
-            self._warnings.append(
-                f"stamps are frame numbers; taken as {INDEX_RATE_HZ:g} frames a second"
+    without_depth = 0
+    separate = [name for name in (colour_list, depth_list) if (folder / name).is_file()]
+    joint = next((name for name in PAIR_LISTS if (folder / name).is_file()), None)
+    if len(separate) == 2:
+        colour, depth = (in_order(name, read_list(folder / name)) for name in separate)
+        rows = _associate(folder, separate, colour, depth)
+        without_depth = len(colour) - len(rows)
+        if without_depth > _USUAL_LOSS * len(colour):
+            warnings.append(
+                f"{without_depth} of {len(colour)} colour images have no depth image "
+                f"{_WITHIN}: left out"
             )
-        times.flags.writeable = False
-        self.timestamps: NDArray[np.float64] = times
-        self._rows = rows
+    elif joint is not None:
+        rows = in_order(joint, read_pairs(folder / joint))
+    else:
+        missing = depth_list if colour_list in separate else colour_list
+        raise DatasetError(f"{folder}: {missing} is missing; give {TumFormat.layout}")
 
-    def __len__(self) -> int:
-        return len(self._rows)
+    by_index = all(is_index(row.stamp) for row in rows)
+    if by_index:
+        warnings.append(f"stamps are frame numbers; taken as {INDEX_RATE_HZ:g} frames a second")
+    unit = 1.0 / INDEX_RATE_HZ if by_index else 1.0
+    pairs = tuple(
+        ImagePair(row.stamp, row.time * unit, *(folder / file for file in row.files))
+        for row in rows
+    )
+    return Listed(pairs, by_index, without_depth, tuple(warnings))
 
-    def read(self, index: int) -> Reading:
-        """Read a frame, or say what is wrong with it.
 
-        Parameters
-        ----------
-        index : int
-            Which one, from 0.
+def read_truth(
+    file: Path,
+    listed: Listed,
+    correct: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None,
+) -> Truth:
+    """Read the true poses of a folder.
 
-        Returns
-        -------
-        Reading
-            With a frame or with a problem.
-        """
-        row = self._rows[index]
-        colour, depth = (self.path / file for file in row.files)
-        time = float(self.timestamps[index])
-        return load_reading(index, row.stamp, time, colour, depth, self.camera)
+    Parameters
+    ----------
+    file : pathlib.Path
+        TUM trajectory; it need not exist.
+    listed : Listed
+        The images; where they are numbered, poses with numbers are numbered alike.
+    correct : callable, optional
+        Makes of the file's poses, (N, 4, 4), those of the camera, ``T_world_cam``.
 
-    @cached_property
-    def ground_truth(self) -> Trajectory | None:
-        """True poses; None if there is no file, or none that can be read (see `warnings`)."""
-        return self._ground_truth[0]
+    Returns
+    -------
+    (Trajectory or None, tuple of str)
+        The poses if they can be read, and what is wrong.
+    """
+    if not file.exists():
+        return None, ()
+    try:
+        truth = Trajectory.read(file)
+    except TrajectoryError as error:
+        return None, (f"ground truth not used: {error}",)
+    times, poses = truth.timestamps, truth.poses
+    if listed.by_index and all(is_index(stamp) for stamp in truth.stamps):
+        times = times / INDEX_RATE_HZ
+    if correct is not None:
+        poses = correct(poses)
+    return Trajectory(times, poses, truth.stamps), ()
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What looks wrong with the lists and the ground truth, a line each."""
-        return (*self._warnings, *self._ground_truth[1])
 
-    def describe(self) -> dict[str, Any]:
-        """Say what is assumed about the folder, in plain types.
-
-        Returns
-        -------
-        dict
-            ``name``, ``path``, ``format``, ``recognised_by``, ``camera`` (with ``origin``),
-            ``colour_images_without_depth``, what `describe_timing` gives, ``ground_truth`` (None,
-            or its ``poses``, ``duration_s`` and the ``frames`` it covers) and ``warnings``.
-        """
-        truth = self.ground_truth
-        described: dict[str, Any] = {
-            "name": self.name,
-            "path": str(self.path),
-            "format": self.format,
-            "recognised_by": TumFormat().recognise(self.path),
-            "camera": {**self.camera.to_dict(), "origin": self.camera_origin},
-            "colour_images_without_depth": self._without_depth,
-            **describe_timing(self.timestamps),
-            "ground_truth": None,
-        }
-        if truth is not None:
-            first, last = truth.timestamps[[0, -1]]
-            covered = (self.timestamps >= first) & (self.timestamps <= last)
-            described["ground_truth"] = {
-                "poses": len(truth),
-                "duration_s": float(last - first),
-                "frames": int(np.count_nonzero(covered)),
-            }
-        described["warnings"] = list(self.warnings)
-        return described
-
-    def _read_lists(self) -> list[Row]:
-        """Rows of a colour and a depth file, in order of time."""
-        separate = [name for name in (COLOUR_LIST, DEPTH_LIST) if (self.path / name).is_file()]
-        joint = next((name for name in PAIR_LISTS if (self.path / name).is_file()), None)
-        if len(separate) == 2:
-            colour, depth = (self._in_order(name, read_list(self.path / name)) for name in separate)
-            return self._associate(colour, depth)
-        if joint is not None:
-            return self._in_order(joint, read_pairs(self.path / joint))
-        missing = DEPTH_LIST if COLOUR_LIST in separate else COLOUR_LIST
-        raise DatasetError(f"{self.path}: {missing} is missing; give {TumFormat.layout}")
-
-    def _associate(self, colour: list[Row], depth: list[Row]) -> list[Row]:
-        kept, partners = associate(
-            np.array([row.time for row in colour]), np.array([row.time for row in depth])
+def _associate(
+    folder: Path, lists: Sequence[str], colour: list[Row], depth: list[Row]
+) -> list[Row]:
+    kept, partners = associate(
+        np.array([row.time for row in colour]), np.array([row.time for row in depth])
+    )
+    if not len(kept):
+        raise DatasetError(
+            f"{folder}: no colour image has a depth image {_WITHIN} (colour {colour[0].stamp}"
+            f" to {colour[-1].stamp}, depth {depth[0].stamp} to {depth[-1].stamp}); "
+            f"check the times in {' and '.join(lists)}"
         )
-        self._without_depth = len(colour) - len(kept)
-        within = f"within {MAX_DIFFERENCE_S * 1e3:g} ms"
-        if not len(kept):
-            raise DatasetError(
-                f"{self.path}: no colour image has a depth image {within} (colour {colour[0].stamp}"
-                f" to {colour[-1].stamp}, depth {depth[0].stamp} to {depth[-1].stamp}); "
-                f"check the times in {COLOUR_LIST} and {DEPTH_LIST}"
-            )
-        if self._without_depth > _USUAL_LOSS * len(colour):
-            self._warnings.append(
-                f"{self._without_depth} of {len(colour)} colour images have no depth image "
-                f"{within}: left out"
-            )
-        return [
-            replace(colour[i], files=colour[i].files + depth[j].files)
-            for i, j in zip(kept.tolist(), partners.tolist(), strict=True)
-        ]
+    return [
+        replace(colour[i], files=colour[i].files + depth[j].files)
+        for i, j in zip(kept.tolist(), partners.tolist(), strict=True)
+    ]
 
-    def _in_order(self, name: str, rows: list[Row]) -> list[Row]:
-        back = [row for before, row in pairwise(rows) if row.time < before.time]
-        if back:
-            self._warnings.append(
-                f"{name}: {len(back)} rows go back in time (first: line {back[0].line}): sorted"
-            )
-        kept: dict[float, Row] = {}
-        again = [row for row in rows if kept.setdefault(row.time, row) is not row]
-        if again:
-            self._warnings.append(
-                f"{name}: {len(again)} rows repeat a time (first: line {again[0].line}): left out"
-            )
-        return [kept[time] for time in sorted(kept)]
 
-    @cached_property
-    def _ground_truth(self) -> tuple[Trajectory | None, tuple[str, ...]]:
-        file = self.path / GROUND_TRUTH
-        if not file.exists():
-            return None, ()
-        try:
-            truth = Trajectory.read(file)
-        except TrajectoryError as error:
-            return None, (f"ground truth not used: {error}",)
-        if self._by_index and all(is_index(stamp) for stamp in truth.stamps):
-            truth = Trajectory(truth.timestamps / INDEX_RATE_HZ, truth.poses, truth.stamps)
-        first, last = truth.timestamps[[0, -1]]
-        if first > self.timestamps[-1] or last < self.timestamps[0]:
-            return truth, (
-                f"{GROUND_TRUTH} ({truth.stamps[0]} to {truth.stamps[-1]}) has no time in common "
-                f"with the images ({self.stamps[0]} to {self.stamps[-1]})",
-            )
-        return truth, ()
+def _in_order(name: str, rows: list[Row]) -> tuple[list[Row], list[str]]:
+    """Sort rows by time, each time once; and tell what was wrong."""
+    warnings = []
+    back = [row for before, row in pairwise(rows) if row.time < before.time]
+    if back:
+        warnings.append(
+            f"{name}: {len(back)} rows go back in time (first: line {back[0].line}): sorted"
+        )
+    kept: dict[float, Row] = {}
+    again = [row for row in rows if kept.setdefault(row.time, row) is not row]
+    if again:
+        warnings.append(
+            f"{name}: {len(again)} rows repeat a time (first: line {again[0].line}): left out"
+        )
+    return [kept[time] for time in sorted(kept)], warnings
 
 
 def read_list(file: Path) -> list[Row]:
