@@ -33,26 +33,49 @@ def load_image(path: Path) -> NDArray[np.generic]:
     ------
     FrameError
         If the file is missing, empty, cut short or damaged; the message names it.
-
-    Notes
-    -----
-    The end marker is checked first: OpenCV versions differ in whether a file that is cut short
-    is refused or half decoded, and some print to the terminal about it.
     """
     try:
         data = path.read_bytes()
     except OSError as error:
         raise FrameError(f"cannot read {path}: {error.strerror or error}") from error
+    return decode_image(data, path)
+
+
+def decode_image(data: bytes, name: Path | str) -> NDArray[np.generic]:
+    """Decode the bytes of an image file with the values it holds.
+
+    Parameters
+    ----------
+    data : bytes
+        PNG, JPEG, or what else OpenCV decodes.
+    name : path or str
+        What errors call it.
+
+    Returns
+    -------
+    ndarray, shape (H, W) or (H, W, C)
+        Grey as grey, colour as BGR(A), 16-bit values as they are.
+
+    Raises
+    ------
+    FrameError
+        If the data are empty, cut short or damaged; the message names them.
+
+    Notes
+    -----
+    The end marker is checked first: OpenCV versions differ in whether an image that is cut short
+    is refused or half decoded, and some print to the terminal about it.
+    """
     if not data:
-        raise FrameError(f"{path} is empty")
+        raise FrameError(f"{name} is empty")
     if _is_cut_short(data):
-        raise FrameError(f"{path} is cut short")
+        raise FrameError(f"{name} is cut short")
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
-        raise FrameError(f"{path} cannot be decoded: {error.err}") from error
+        raise FrameError(f"{name} cannot be decoded: {error.err}") from error
     if image is None:
-        raise FrameError(f"{path} is damaged or no image")
+        raise FrameError(f"{name} is damaged or no image")
     return np.asarray(image)
 
 
