@@ -54,7 +54,7 @@ class TensorAligner:
 
     def __init__(self, camera: Camera, kind: str) -> None:
         self.name = f"open3d-{kind}"
-        library = _open3d()
+        library = load_open3d()
         odometry = library.t.pipelines.odometry
         self._tensor = library.core.Tensor
         self._image = library.t.geometry.Image
@@ -111,7 +111,7 @@ class LegacyAligner:
 
     def __init__(self, camera: Camera, kind: str) -> None:
         self.name = f"open3d-{kind}"
-        library = _open3d()
+        library = load_open3d()
         odometry = library.pipelines.odometry
         self._image = library.geometry.Image
         self._pair = library.geometry.RGBDImage
@@ -180,8 +180,19 @@ def open3d_odometry(
     return PairwiseOdometry(camera, make(camera, kind), keyframes=keyframes)
 
 
-def _open3d() -> Any:
-    """Import Open3D, which takes a second or two and needs libraries of the system."""
+def load_open3d() -> Any:
+    """Import Open3D, which takes a second or two and needs libraries of the system.
+
+    Returns
+    -------
+    module
+        ``open3d``, untyped.
+
+    Raises
+    ------
+    MissingExtraError
+        If it is not installed or does not load.
+    """
     try:
         return importlib.import_module("open3d")
     except ModuleNotFoundError as error:

@@ -122,6 +122,25 @@ def draw_evaluation(
     _save(figure, path)
 
 
+def direction_colours(gradients: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Give colours that tell directions of gradients.
+
+    Parameters
+    ----------
+    gradients : ndarray, shape (N, 2)
+        Gradients (u, v) of any length.
+
+    Returns
+    -------
+    ndarray, shape (N, 3), float64
+        Red, green, blue in [0, 1]. Hue 0 (red) is a gradient to the right, and hue grows
+        clockwise in the image.
+    """
+    hue = (np.arctan2(gradients[:, 1], gradients[:, 0]) / (2 * np.pi)) % 1.0
+    colours = hsv_to_rgb(np.stack([hue, np.full_like(hue, 0.75), np.ones_like(hue)], axis=1))
+    return np.asarray(colours, np.float64)
+
+
 def edge_picture(
     grey: NDArray[np.uint8], pixels: NDArray[np.floating], gradients: NDArray[np.floating]
 ) -> NDArray[np.float64]:
@@ -139,14 +158,11 @@ def edge_picture(
     Returns
     -------
     ndarray, shape (H, W, 3), float64
-        Red, green, blue in [0, 1]. Hue 0 (red) is a gradient to the right, and hue grows
-        clockwise in the image.
+        Red, green, blue in [0, 1]; see `direction_colours`.
     """
     picture = np.repeat(0.45 * grey[:, :, None] / 255.0, 3, axis=2)
     height, width = grey.shape
-    angle = np.arctan2(gradients[:, 1], gradients[:, 0])
-    hue = (angle / (2 * np.pi)) % 1.0
-    colours = hsv_to_rgb(np.stack([hue, np.full_like(hue, 0.75), np.ones_like(hue)], axis=1))
+    colours = direction_colours(gradients)
     corner = np.rint(pixels).astype(int)
     # Two pixels wide, to be seen where the picture is drawn smaller than the image.
     for du, dv in ((1, 1), (1, 0), (0, 1), (0, 0)):
