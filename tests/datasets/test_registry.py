@@ -50,8 +50,8 @@ def test_what_no_format_knows_is_told_what_is_known(tmp_path):
 def test_a_format_can_be_forced(make_folder, tmp_path):
     folder = make_folder()
     assert open_source(folder, format="tum").format == "tum"
-    with pytest.raises(DatasetError, match="choose one of tum"):
-        open_source(folder, format="bag")
+    with pytest.raises(DatasetError, match=r"choose one of .*\btum\b"):
+        open_source(folder, format="video")
     (tmp_path / "empty").mkdir()
     with pytest.raises(DatasetError, match=r"rgb\.txt is missing"):
         open_source(tmp_path / "empty", format="tum")
@@ -71,4 +71,4 @@ def test_another_package_adds_a_format(tmp_path, caplog):
     with caplog.at_level(logging.WARNING):
         assert open_source(tmp_path / "a.other") == ("opened", "a.other", None)
     assert "broken does not load" in caplog.text
-    assert [known.name for known in formats()] == ["tum", "other"]
+    assert [known.name for known in formats()][-1] == "other"

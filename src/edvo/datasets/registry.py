@@ -11,6 +11,9 @@ from pathlib import Path
 from typing import Protocol
 
 from edvo.camera import Camera
+from edvo.datasets.bonn import BonnFormat
+from edvo.datasets.eth3d import Eth3dFormat
+from edvo.datasets.icl import IclFormat
 from edvo.datasets.source import Source
 from edvo.datasets.tum import TumFormat
 from edvo.errors import DatasetError
@@ -42,8 +45,14 @@ class Format(Protocol):
         ...
 
 
-BUILT_IN: tuple[Format, ...] = (TumFormat(),)
-"""The formats of edvo itself, in the order in which they are asked."""
+BUILT_IN: tuple[Format, ...] = (
+    # TUM's kin first: they have its lists and something more.
+    IclFormat(),
+    BonnFormat(),
+    Eth3dFormat(),
+    TumFormat(),
+)
+"""The formats of edvo itself, in the order in which they are asked: the most special first."""
 
 
 def formats() -> tuple[Format, ...]:
