@@ -15,7 +15,7 @@ from edvo.datasets import open_source
 from edvo.odometry import Odometry, Status
 from edvo.trajectory import Trajectory
 
-from tests import problems
+from .. import problems  # noqa: TID252 - tests is no package to import by name
 
 CAMERA = Camera(160, 120, fx=131.25, fy=130.0, cx=79.5, cy=60.25, depth_scale=5000.0)
 FRAMES = 8
