@@ -1,0 +1,461 @@
+"""A ROS bag: its topics, and its messages one by one in any order.
+
+The package rosbags opens the bag, checks its index and knows which topics it has. Its readers
+give messages in order of time and to one thread only, so here each message's place is found
+once, and messages are then taken from their places.
+"""
+
+import sqlite3
+import threading
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
+from functools import cached_property
+from io import BytesIO
+from pathlib import Path
+from struct import Struct
+from typing import Any, NamedTuple
+from urllib.parse import quote
+
+from edvo.datasets.ros_files import Recent, SharedFile, decompressor, inflate
+from edvo.datasets.ros_messages import READ_TYPES
+from edvo.errors import DatasetError, MissingExtraError
+
+_WHOLE_FILE = -1  # in place of a chunk: the offset counts from the start of the file
+_RECORD_HEAD = 512  # the header of a message's record in ROS 1 has about 50 bytes
+_ZSTD_BLOCK = (1 << 17) + 64  # nothing comes out before the first block is complete
+_ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+
+_UINT32 = Struct("<I")
+_MCAP_RECORD = Struct("<BQ")
+_MCAP_MESSAGE = Struct("<HIQQ")
+_MCAP_CHUNK = Struct("<QQQII")
+_MCAP_IS_MESSAGE, _MCAP_IS_CHUNK = 0x05, 0x06
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic of a bag: its name, its type as ROS 2 writes it, and how many messages it has."""
+
+    name: str
+    type: str
+    count: int
+
+
+class Place(NamedTuple):
+    """Where a message is: storage, chunk, offset in it, bytes; and when it was recorded (ns)."""
+
+    storage: int
+    chunk: int
+    offset: int
+    size: int
+    recorded: int
+
+
+class Bag:
+    """A ROS 1 bag, or a ROS 2 bag of sqlite3 or mcap files.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        A ``.bag``, ``.mcap`` or ``.db3`` file, or the folder of a ROS 2 bag.
+
+    Attributes
+    ----------
+    path : pathlib.Path
+        The same.
+    ros2 : bool
+        Whether messages are CDR.
+    kind : str
+        For people: ``ROS 1``, ``ROS 2 mcap`` or ``ROS 2 sqlite3``.
+    topics : tuple of Topic
+        By name.
+
+    Raises
+    ------
+    DatasetError
+        If it is no bag or damaged.
+    MissingExtraError
+        If rosbags is not installed.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.ros2 = path.is_dir() or path.suffix.lower() != ".bag"
+        self._stack = ExitStack()
+        try:
+            self._storages = self._open()
+        except BaseException:
+            self.close()
+            raise
+        counts: dict[tuple[str, str], int] = {}
+        for storage in self._storages:
+            for topic in storage.topics():
+                key = topic.name, topic.type
+                counts[key] = counts.get(key, 0) + topic.count
+        self.topics = tuple(Topic(*key, count) for key, count in sorted(counts.items()))
+
+    @property
+    def kind(self) -> str:
+        """What kind of bag it is, for people."""
+        return self._storages[0].kind if self._storages else "ROS 2"
+
+    def places(self, topic: str) -> list[Place]:
+        """Find all messages of a topic, in the order in which they were recorded.
+
+        Parameters
+        ----------
+        topic : str
+            Its name.
+
+        Returns
+        -------
+        list of Place
+            Where they are.
+
+        Raises
+        ------
+        DatasetError
+            If the bag is damaged there.
+        """
+        found = []
+        for number, storage in enumerate(self._storages):
+            with _OneLine(self.path):
+                found += [place._replace(storage=number) for place in storage.places(topic)]
+        return sorted(found, key=lambda place: place.recorded)
+
+    def head(self, place: Place, count: int) -> bytes:
+        """Read the first bytes of a message.
+
+        Parameters
+        ----------
+        place : Place
+            Of the message.
+        count : int
+            How many bytes, if it has so many.
+
+        Returns
+        -------
+        bytes
+            At most so many.
+
+        Raises
+        ------
+        DatasetError
+            If the bag is damaged there.
+        """
+        with _OneLine(self.path):
+            return self._storages[place.storage].read(place, count)
+
+    def read(self, place: Place) -> bytes:
+        """Read a message.
+
+        Parameters
+        ----------
+        place : Place
+            Of the message.
+
+        Returns
+        -------
+        bytes
+            As it was serialised.
+
+        Raises
+        ------
+        DatasetError
+            If the bag is damaged there.
+        """
+        with _OneLine(self.path):
+            return self._storages[place.storage].read(place, None)
+
+    def close(self) -> None:
+        """Close its files."""
+        self._stack.close()
+
+    def _open(self) -> "list[_Storage]":
+        try:
+            from rosbags.rosbag1 import Reader as Reader1
+            from rosbags.rosbag2 import Reader as Reader2
+        except ImportError as error:
+            raise MissingExtraError(
+                f"{self.path}: reading ROS bags needs the extra ros; pip install 'edvo[ros]'"
+            ) from error
+        if not self.ros2:
+            return [self._storage(Reader1(self.path))]
+        if not self.path.is_dir() or (self.path / "metadata.yaml").exists():
+            return self._storages2(Reader2, self.path)
+        # A recorder that was killed leaves no metadata; the files may be whole all the same.
+        files = [file for end in (".mcap", ".db3") for file in sorted(self.path.glob(f"*{end}"))]
+        if not files:
+            raise DatasetError(
+                f"{self.path}: no .mcap or .db3 file in it; give the folder of a bag"
+            )
+        return [storage for file in files for storage in self._storages2(Reader2, file)]
+
+    def _storages2(self, reader_type: Any, path: Path) -> "list[_Storage]":
+        with _OneLine(path, "repair it with 'ros2 bag reindex' or 'mcap recover'"):
+            reader = self._stack.enter_context(reader_type(path))
+        whole = reader.storage
+        packed = getattr(whole.metadata, "compression_mode", None) == "message"
+        parts = [_storage2(each) for each in getattr(whole, "storages", [whole])]
+        for part in parts:
+            self._stack.callback(part.close)
+        return [_MessagesPacked(part) for part in parts] if packed else parts
+
+    def _storage(self, reader: Any) -> "_Storage":
+        with _OneLine(self.path, "repair it with 'rosbag reindex'"):
+            storage = _Ros1(self._stack.enter_context(reader))
+        self._stack.callback(storage.close)
+        return storage
+
+
+class _OneLine:
+    """Turn whatever a damaged file makes rosbags or SQLite raise into one line that names it."""
+
+    def __init__(self, path: Path, mend: str = "copy or record it again") -> None:
+        self.path, self.mend = path, mend
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        if isinstance(error, DatasetError) or not isinstance(error, Exception):
+            return
+        if isinstance(error, PermissionError):
+            raise DatasetError(f"cannot read {self.path}: {error.strerror}") from error
+        # Only what rosbags raises on purpose is said to people.
+        purpose = type(error).__name__ in ("ReaderError", "AnyReaderError")
+        reason = " ".join(str(error).split()).rstrip(".") if purpose else ""
+        raise DatasetError(
+            f"{self.path}: damaged, cut short or no bag{f' ({reason})' if reason else ''}; "
+            f"{self.mend}"
+        ) from error
+
+
+class _Storage(ABC):
+    """One file of a bag; `read` may be called from several threads."""
+
+    kind: str
+
+    @abstractmethod
+    def topics(self) -> list[Topic]: ...
+
+    @abstractmethod
+    def places(self, topic: str) -> Iterator[Place]: ...
+
+    @abstractmethod
+    def read(self, place: Place, count: int | None) -> bytes:
+        """Read a message, or so many of its first bytes."""
+
+    @abstractmethod
+    def close(self) -> None: ...
+
+
+class _Connections(_Storage):
+    """What is common to those whose reader has a list of connections."""
+
+    def __init__(self, reader: Any) -> None:
+        self._reader = reader
+
+    def topics(self) -> list[Topic]:
+        return [Topic(c.topic, c.msgtype, c.msgcount) for c in self._reader.connections]
+
+    def _ids(self, topic: str) -> set[int]:
+        return {c.id for c in self._reader.connections if c.topic == topic}
+
+
+class _Chunked(_Connections):
+    """A file of chunks, each of them compressed or not."""
+
+    def __init__(self, reader: Any) -> None:
+        super().__init__(reader)
+        self._file = SharedFile(Path(reader.path))
+        self._inflated = Recent(self._inflate)
+        # Of each chunk: where its data begin, how many bytes, how packed, how many unpacked.
+        self._chunks: dict[int, tuple[int, int, str, int]] = {}
+
+    def read(self, place: Place, count: int | None) -> bytes:
+        wanted = place.size if count is None else min(count, place.size)
+        return self._part(place.chunk, place.offset, wanted)
+
+    def close(self) -> None:
+        self._file.close()
+
+    def _size(self, chunk: int) -> int:
+        return self._file.size if chunk == _WHOLE_FILE else self._chunks[chunk][3]
+
+    def _part(self, chunk: int, offset: int, count: int) -> bytes:
+        """Take some bytes of a chunk as it is unpacked."""
+        if chunk == _WHOLE_FILE:
+            return self._file.read(offset, count)
+        start, size, compression, _ = self._chunks[chunk]
+        if not compression:
+            if offset + count > size:
+                raise DatasetError(f"{self._file.path}: a message is longer than its chunk")
+            return self._file.read(start + offset, count)
+        data = self._inflated(chunk)[offset : offset + count]
+        if len(data) != count:
+            raise DatasetError(f"{self._file.path}: a message is longer than its chunk")
+        return data
+
+    def _inflate(self, chunk: int) -> bytes:
+        start, size, compression, unpacked = self._chunks[chunk]
+        where = f"{self._file.path}, chunk at byte {chunk}"
+        return inflate(self._file.read(start, size), compression, unpacked, where)
+
+
+class _Ros1(_Chunked):
+    kind = "ROS 1"
+
+    def places(self, topic: str) -> Iterator[Place]:
+        for connection in sorted(self._ids(topic)):
+            # By place, so that each compressed chunk is unpacked once.
+            for entry in sorted(self._reader.indexes[connection], key=lambda e: (e[1], e[2])):
+                chunk = entry.chunk_pos
+                if chunk not in self._chunks:
+                    self._chunks[chunk] = self._chunk(chunk)
+                offset, size = self._message(chunk, entry.offset)
+                yield Place(0, chunk, offset, size, entry.time)
+
+    def _chunk(self, chunk: int) -> tuple[int, int, str, int]:
+        header, at = self._record(_WHOLE_FILE, chunk)
+        (stored,) = _UINT32.unpack(self._file.read(at, 4))
+        compression = header.get_string("compression")
+        compression = "" if compression == "none" else compression
+        return at + 4, stored, compression, header.get_uint32("size")
+
+    def _message(self, chunk: int, offset: int) -> tuple[int, int]:
+        """Find the data of a message's record; descriptions of its connection may lie before."""
+        while True:
+            header, at = self._record(chunk, offset)
+            (size,) = _UINT32.unpack(self._part(chunk, at, 4))
+            if header.get_uint8("op") == 2:
+                return at + 4, size
+            if header.get_uint8("op") != 7:
+                raise DatasetError(f"{self._file.path}: no message where the index says one is")
+            offset = at + 4 + size
+
+    def _record(self, chunk: int, offset: int) -> tuple[Any, int]:
+        """Read a record's header; returns it and where it ends."""
+        from rosbags.rosbag1.reader import Header
+
+        ahead = min(_RECORD_HEAD, self._size(chunk) - offset)
+        data = self._part(chunk, offset, ahead)
+        (length,) = _UINT32.unpack_from(data)
+        if length + 4 > ahead:
+            data = self._part(chunk, offset, length + 4)
+        return Header.read(BytesIO(data)), offset + 4 + length
+
+
+class _Mcap(_Chunked):
+    kind = "ROS 2 mcap"
+
+    def places(self, topic: str) -> Iterator[Place]:
+        for channel in sorted(self._ids(topic)):
+            yield from self._found.get(channel, ())
+
+    @cached_property
+    def _found(self) -> dict[int, list[Place]]:
+        """All messages that may be asked for, by channel."""
+        found: dict[int, list[Place]] = {
+            c.id: [] for c in self._reader.connections if c.msgtype in READ_TYPES
+        }
+        for place, channel in self._messages():
+            if channel in found:
+                found[channel].append(place)
+        return found
+
+    def _messages(self) -> Iterator[tuple[Place, int]]:
+        """Go through all messages, whether the file has an index of them or not."""
+        start, end = self._reader.data_start, self._reader.data_end
+        for kind, offset, size in self._records(_WHOLE_FILE, start, end):
+            if kind == _MCAP_IS_MESSAGE:
+                yield self._message(_WHOLE_FILE, offset, size)
+            elif kind == _MCAP_IS_CHUNK:
+                if offset not in self._chunks:
+                    self._chunks[offset] = self._chunk(offset)
+                for inner, at, length in self._records(offset, 0, self._size(offset)):
+                    if inner == _MCAP_IS_MESSAGE:
+                        yield self._message(offset, at, length)
+
+    def _records(self, chunk: int, at: int, end: int) -> Iterator[tuple[int, int, int]]:
+        while at < end:
+            kind, size = _MCAP_RECORD.unpack(self._part(chunk, at, _MCAP_RECORD.size))
+            at += _MCAP_RECORD.size
+            if size > end - at:
+                raise DatasetError(f"{self._file.path} is cut short or damaged; record it again")
+            yield kind, at, size
+            at += size
+
+    def _message(self, chunk: int, at: int, size: int) -> tuple[Place, int]:
+        data = self._part(chunk, at, _MCAP_MESSAGE.size)
+        channel, _, recorded, _ = _MCAP_MESSAGE.unpack(data)
+        head = _MCAP_MESSAGE.size
+        return Place(0, chunk, at + head, size - head, recorded), channel
+
+    def _chunk(self, at: int) -> tuple[int, int, str, int]:
+        _, _, unpacked, _, length = _MCAP_CHUNK.unpack(self._file.read(at, _MCAP_CHUNK.size))
+        at += _MCAP_CHUNK.size
+        compression = self._file.read(at, length).decode("ascii")
+        stored = int.from_bytes(self._file.read(at + length, 8), "little")
+        return at + length + 8, stored, compression, unpacked
+
+
+class _Sqlite(_Connections):
+    kind = "ROS 2 sqlite3"
+
+    def __init__(self, reader: Any) -> None:
+        super().__init__(reader)
+        self._lock = threading.Lock()
+        self._base = sqlite3.connect(
+            f"file:{quote(str(reader.path))}?immutable=1", uri=True, check_same_thread=False
+        )
+
+    def places(self, topic: str) -> Iterator[Place]:
+        ids = sorted(self._ids(topic))
+        marks = ",".join("?" * len(ids))
+        query = f"SELECT id, timestamp FROM messages WHERE topic_id IN ({marks})"
+        with self._lock:
+            rows = self._base.execute(query, ids).fetchall()
+        for row, recorded in rows:
+            yield Place(0, int(row), 0, 0, int(recorded))
+
+    def read(self, place: Place, count: int | None) -> bytes:
+        with (
+            self._lock,
+            closing(self._base.blobopen("messages", "data", place.chunk, readonly=True)) as blob,
+        ):
+            return blob.read(len(blob) if count is None else min(count, len(blob)))
+
+    def close(self) -> None:
+        self._base.close()
+
+
+class _MessagesPacked(_Storage):
+    """A storage whose messages are compressed one by one."""
+
+    def __init__(self, storage: _Storage) -> None:
+        self._storage = storage
+        self.kind = storage.kind
+
+    def topics(self) -> list[Topic]:
+        return self._storage.topics()
+
+    def places(self, topic: str) -> Iterator[Place]:
+        return self._storage.places(topic)
+
+    def read(self, place: Place, count: int | None) -> bytes:
+        data = self._storage.read(place, None if count is None else _ZSTD_BLOCK)
+        if data[:4] != _ZSTD_MAGIC:
+            raise DatasetError("a message is not compressed as the bag says")
+        if count is None:
+            return inflate(data, "zstd", None, "a message")
+        return bytes(decompressor("zstd").decompress(data, max_length=count))
+
+    def close(self) -> None:
+        self._storage.close()
+
+
+def _storage2(reader: Any) -> _Storage:
+    return _Sqlite(reader) if type(reader).__name__.startswith("Sqlite") else _Mcap(reader)
