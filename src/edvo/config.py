@@ -230,6 +230,14 @@ class KeyframesConfig(Section):
         "views differ too much",
     )
     max_rotation_deg: Positive = Field(default=15.0, description="rule motion: from the keyframe")
+    stored: Annotated[int, Field(ge=0)] = Field(
+        default=30,
+        description="keyframes kept to find back to after a loss, the present one included; about "
+        "a megabyte each. 0 keeps none. Not in the paper",
+    )
+    tried: Annotated[int, Field(ge=1)] = Field(
+        default=3, description="of those, how many a lost frame is registered with: the likest"
+    )
     min_overlap: Fraction = Field(
         default=0.75, description="rule motion: least share of the samples that fit the keyframe"
     )
@@ -448,6 +456,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "edges": {"strong_share": 0.0},
         "planes": {"weight": 0.0},
         "motion": {"search_deg": 0.0},
+        "keyframes": {"stored": 0},
         "sampling": {"count": 450},
         "registration": {"weight": "t"},
     },

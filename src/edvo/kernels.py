@@ -245,6 +245,36 @@ def describe_edges(
 
 
 @compiled
+def summarise_view(
+    index: I32, dx: NDArray[np.int16], dy: NDArray[np.int16], rows: int, cols: int, view: F64
+) -> None:
+    """Count edges by cell of the image and by direction, in ``view`` (rows * cols * 4,).
+
+    Directions are those of lines, which light cannot turn round. The root of each share is
+    written, so that the dot product of two views is 1 for the same one and less for others.
+    """
+    height, width = dx.shape
+    view[:] = 0
+    for k in range(index.size):
+        v = index[k] // width
+        u = index[k] - v * width
+        gu, gv = np.float64(dx[v, u]), np.float64(dy[v, u])
+        if gv < 0:
+            gu, gv = -gu, -gv
+        if gu > abs(gv) * 0.4142:
+            bin_of = 0 if gv < gu * 0.4142 else 1
+        elif -gu > abs(gv) * 0.4142:
+            bin_of = 0 if gv < -gu * 0.4142 else 3
+        else:
+            bin_of = 2
+        cell = (v * rows // height) * cols + u * cols // width
+        view[cell * 4 + bin_of] += 1
+    total = max(index.size, 1)
+    for i in range(view.size):
+        view[i] = np.sqrt(view[i] / total)
+
+
+@compiled
 def depth_at(depth: F32, u: int, v: int, radius: int, gap: float) -> np.float32:
     """Depth (m) of an edge pixel from the window round it; 0 where the window holds none.
 

@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 from edvo import se3
 from edvo.config import KeyframesConfig
+from edvo.edges import EdgePixels
 from edvo.matching import EdgeIndex
-from edvo.planes import PlaneMap
+from edvo.planes import PlaneMap, PlanePoints
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,12 +26,70 @@ class Keyframe:
         All its edges; those without depth serve too.
     planes : PlaneMap
         The planes that its depth image shows; none where the term is left out.
+    samples : EdgePixels
+        Some of its edges with depth, and
+    points : PlanePoints
+        points on its planes, to register it with a frame the other way round.
+    view : ndarray of float64, shape (96,)
+        What it looks like; see ``EdgeImage.view``.
     """
 
     index: int
     T_world_key: NDArray[np.float64]
     edges: EdgeIndex
     planes: PlaneMap
+    samples: EdgePixels
+    points: PlanePoints
+    view: NDArray[np.float64]
+
+
+class KeyframeStore:
+    """Keyframes to find back to, spread over the places that were seen.
+
+    Parameters
+    ----------
+    capacity : int
+        Once it is exceeded, one of the two that are nearest to each other goes: the older.
+    """
+
+    def __init__(self, capacity: int) -> None:
+        self._capacity = capacity
+        self._keyframes: list[Keyframe] = []
+
+    def __len__(self) -> int:
+        return len(self._keyframes)
+
+    def add(self, keyframe: Keyframe) -> None:
+        """Keep a keyframe."""
+        self._keyframes.append(keyframe)
+        if len(self._keyframes) > self._capacity:
+            del self._keyframes[self._most_crowded()]
+
+    def likest(self, view: NDArray[np.float64], count: int) -> list[Keyframe]:
+        """Choose the keyframes that look most like a frame.
+
+        Parameters
+        ----------
+        view : ndarray of float64, shape (96,)
+            Of the frame.
+        count : int
+            How many.
+
+        Returns
+        -------
+        list of Keyframe
+            The likest first.
+        """
+        return sorted(self._keyframes, key=lambda keyframe: -float(view @ keyframe.view))[:count]
+
+    def _most_crowded(self) -> int:
+        """Position of the older one of the nearest two; a radian counts as a metre."""
+        T = np.array([keyframe.T_world_key for keyframe in self._keyframes])
+        apart = np.linalg.norm(T[:, None, :3, 3] - T[None, :, :3, 3], axis=2)
+        cosine = (np.einsum("aij,bij->ab", T[:, :3, :3], T[:, :3, :3]) - 1) / 2
+        apart += np.arccos(np.clip(cosine, -1, 1))
+        apart[np.tril_indices(len(T))] = np.inf
+        return int(np.argmin(apart)) // len(T)
 
 
 def is_due(

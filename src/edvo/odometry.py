@@ -15,7 +15,7 @@ from edvo.config import Config
 from edvo.edges import EdgeBuffers, EdgeImage, EdgePixels, extract_edges
 from edvo.errors import FrameError, TrajectoryError
 from edvo.frame import Frame
-from edvo.keyframes import Keyframe, is_due
+from edvo.keyframes import Keyframe, KeyframeStore, is_due
 from edvo.planes import PlaneFitter, PlanePoints
 from edvo.registration import Alignment, Registration
 from edvo.sampling import sample_edges
@@ -29,6 +29,8 @@ SEED_STRIDE = 1_000_003  # frames that seeds keep apart
 LONGEST_PREDICTION_S = 0.2  # beyond it a constant velocity says nothing about a hand
 SHORTEST_PERIOD_S = 1e-3  # closer stamps are no more than a clock's jitter
 SEARCH_STRIDE = 4  # a search far afield takes one sample in so many
+LOOP_M, LOOP_RAD = 0.03, math.radians(1.5)  # that a frame found again may be off, both ways
+LONG_LOST_S = 0.3  # lost for longer, a frame may show any place that was seen before
 AGREEING_SIGMA = 3.0  # times the sensor's noise, at which depth agrees half
 NOMINAL_PERIOD_S = 1 / 30  # stands in where stamps repeat, all but repeat, or go back
 
@@ -82,6 +84,16 @@ class TrackedFrame:
     edges: int
     samples: int
     alignment: Alignment | None
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """A frame, and what was made of it."""
+
+    frame: Frame
+    edges: EdgeImage
+    samples: EdgePixels
+    points: PlanePoints
 
 
 class Odometry:
@@ -141,6 +153,7 @@ class Odometry:
         """
         start = np.eye(4) if T_world_cam is None else _checked(T_world_cam)
         self._keyframe: Keyframe | None = None
+        self._store = KeyframeStore(self.config.keyframes.stored)
         self._T_world_last = start  # of the last frame that was not lost
         self._T_key_last = np.eye(4)
         self._velocity = np.zeros(6)  # of the camera, in its own frame, 1/s
@@ -190,21 +203,29 @@ class Odometry:
         if len(samples) < config.registration.min_matches:
             reason = f"{len(samples)} edges with depth; {config.registration.min_matches} needed"
             return self._lose(frame.timestamp, reason, len(edges), len(samples), None)
-        if self._keyframe is None:
-            return self._begin(frame, edges, samples)
         with clock("planes"):
             points = self._fitter.points(frame.depth)
+        seen = Seen(frame, edges, samples, points)
+        if self._keyframe is None:
+            return self._begin(seen)
+        if self._is_long_lost(frame.timestamp):
+            with clock("recovery"):
+                recovered = self._recover(seen)
+            if recovered is not None:
+                self._keyframe, alignment = recovered
+                self._T_key_last = alignment.T_ref_cur  # it has not moved, it was found
+                return self._accept(seen, Status.TRACKED, "", alignment)
         with clock("registration"):
-            alignment = self._register(samples, points, self._starts(frame.timestamp))
+            starts = self._starts(frame.timestamp)
+            alignment = self._register(self._keyframe, samples, points, starts)
         status, reason = self._judge(alignment, frame.timestamp)
         if status is not Status.TRACKED and config.motion.search_deg:
             with clock("search"):
-                starts = self._search(samples, points, alignment)
-                alignment = self._register(samples, points, starts)
+                alignment = self._search(self._keyframe, self._T_key_last, seen, alignment)
             status, reason = self._judge(alignment, frame.timestamp)
         if status is Status.LOST:
             return self._lose(frame.timestamp, reason, len(edges), len(samples), alignment)
-        return self._accept(frame, status, reason, edges, samples, alignment)
+        return self._accept(seen, status, reason, alignment)
 
     def skip(self, timestamp: float, reason: str) -> TrackedFrame:
         """Take note of a frame that could not be had, for instance since its file is broken.
@@ -224,34 +245,88 @@ class Odometry:
         return self._lose(timestamp, reason, 0, 0, None)
 
     def _register(
-        self, samples: EdgePixels, points: PlanePoints, starts: NDArray[np.float64]
+        self,
+        key: Keyframe,
+        samples: EdgePixels,
+        points: PlanePoints,
+        starts: NDArray[np.float64],
     ) -> Alignment:
-        """Register with the keyframe."""
-        assert self._keyframe is not None
-        key = self._keyframe
         return self._registration.align(
             key.edges, samples, starts, key.planes, points, self._fitter.term
         )
 
     def _search(
-        self, samples: EdgePixels, points: PlanePoints, found: Alignment
-    ) -> NDArray[np.float64]:
+        self,
+        key: Keyframe,
+        T_key_start: NDArray[np.float64],
+        seen: Seen,
+        found: Alignment | None = None,
+    ) -> Alignment:
         """Look farther afield, with few samples, for where both edges and depth agree best.
 
         A hand turns a camera faster than it carries it, so what an image moves by is mostly yaw
         and pitch.
         """
-        few = samples.every(SEARCH_STRIDE)
+        few, points = seen.samples.every(SEARCH_STRIDE), seen.points
         angle = math.radians(self.config.motion.search_deg)
-        best, most = found.T_ref_cur, _agreement(found, points)
+        best = T_key_start if found is None else found.T_ref_cur
+        most = 0.0 if found is None else _agreement(found, points)
         for yaw in (-2, -1, 0, 1, 2):
             for pitch in (-1, 0, 1):
                 turn = se3.exp(np.array([0.0, 0.0, 0.0, pitch * angle, yaw * angle, 0.0]))
-                tried = self._register(few, points, (turn @ self._T_key_last)[None])
+                tried = self._register(key, few, points, (turn @ T_key_start)[None])
                 agreement = _agreement(tried, points)
                 if agreement > most:
                     best, most = tried.T_ref_cur, agreement
-        return best[None]
+        return self._register(key, seen.samples, points, best[None])
+
+    def _is_long_lost(self, timestamp: float) -> bool:
+        """Whether it has been lost for so long that it may be anywhere it was before."""
+        return self._lost and len(self._store) > 0 and self._period(timestamp) > LONG_LOST_S
+
+    def _recover(self, seen: Seen) -> tuple[Keyframe, Alignment] | None:
+        """Find the stored keyframe that the frame fits best, and beyond doubt both ways.
+
+        All that are like it are tried before one is taken: where things repeat, as steps do, the
+        wrong one fits well, and the right one better.
+        """
+        candidates = []
+        for key in self._store.likest(seen.edges.view(), self.config.keyframes.tried):
+            found = self._search(key, np.eye(4), seen)
+            if self._is_sure(found) and self._is_near(key, found, seen.frame.timestamp):
+                candidates.append((_agreement(found, seen.points), key, found))
+        if not candidates:
+            return None
+        _, key, found = max(candidates, key=lambda candidate: candidate[0])
+        back = self._registration.align(
+            self._registration.index(seen.edges.describe(self.camera)),
+            key.samples,
+            se3.inverse(found.T_ref_cur)[None],
+            self._fitter.planes(seen.frame.depth),
+            key.points,
+            self._fitter.term,
+        )
+        T_loop = back.T_ref_cur @ found.T_ref_cur
+        apart, turned = math.hypot(*T_loop[:3, 3].tolist()), se3.rotation_angle(T_loop)
+        if not self._is_sure(back) or apart > LOOP_M or turned > LOOP_RAD:
+            return None
+        return key, found
+
+    def _is_sure(self, alignment: Alignment) -> bool:
+        """Whether a registration is good enough to say where the camera is from nothing."""
+        status = self.config.status
+        return (
+            alignment.converged
+            and alignment.reason not in FAILURES
+            and alignment.inliers >= status.doubt_inliers * len(alignment.matches)
+            and not (alignment.depth_balance and alignment.sigma_depth > status.max_depth_sigma)
+        )
+
+    def _is_near(self, key: Keyframe, alignment: Alignment, timestamp: float) -> bool:
+        """Whether the camera can have come there since it was lost."""
+        T_last_cur = se3.inverse(self._T_world_last) @ key.T_world_key @ alignment.T_ref_cur
+        farthest = self.config.motion.max_speed_m_s * self._period(timestamp)
+        return math.hypot(*T_last_cur[:3, 3].tolist()) < farthest
 
     def _check_size(self, frame: Frame) -> None:
         height, width = frame.grey.shape
@@ -261,50 +336,38 @@ class Odometry:
                 f"{self.camera.width} x {self.camera.height}; give the camera of these images"
             )
 
-    def _begin(self, frame: Frame, edges: EdgeImage, samples: EdgePixels) -> TrackedFrame:
+    def _begin(self, seen: Seen) -> TrackedFrame:
         """Take the first usable frame as the first keyframe."""
-        self._set_keyframe(edges, frame)
-        return self._keep(
-            frame.timestamp, Status.TRACKED, "", np.eye(4), -1, True, edges, samples, None
-        )
+        self._set_keyframe(seen)
+        return self._keep(seen, Status.TRACKED, "", np.eye(4), -1, True, None)
 
     def _accept(
-        self,
-        frame: Frame,
-        status: Status,
-        reason: str,
-        edges: EdgeImage,
-        samples: EdgePixels,
-        alignment: Alignment,
+        self, seen: Seen, status: Status, reason: str, alignment: Alignment
     ) -> TrackedFrame:
         """Move on to the pose found, and to a new keyframe where one is due."""
         assert self._keyframe is not None
         keyframe, T_key_cur = self._keyframe, alignment.T_ref_cur
-        period = self._period(frame.timestamp)
+        period = self._period(seen.frame.timestamp)
         self._velocity = se3.log(se3.inverse(self._T_key_last) @ T_key_cur) / period
         self._T_key_last = T_key_cur
         self._T_world_last = keyframe.T_world_key @ T_key_cur
-        share = alignment.inliers / len(samples)
+        share = alignment.inliers / len(seen.samples)
         due = is_due(self.config.keyframes, T_key_cur, share, self._count - keyframe.index)
         if due:
-            self._set_keyframe(edges, frame)
-        index, timestamp = keyframe.index, frame.timestamp
-        return self._keep(
-            timestamp, status, reason, T_key_cur, index, due, edges, samples, alignment
-        )
+            self._set_keyframe(seen)
+        return self._keep(seen, status, reason, T_key_cur, keyframe.index, due, alignment)
 
     def _keep(
         self,
-        timestamp: float,
+        seen: Seen,
         status: Status,
         reason: str,
         T_key_cur: NDArray[np.float64],
         keyframe: int,
         is_keyframe: bool,
-        edges: EdgeImage,
-        samples: EdgePixels,
         alignment: Alignment | None,
     ) -> TrackedFrame:
+        timestamp = seen.frame.timestamp
         if self._lost:
             logger.info("frame %d: found again", self._count)
         self._lost = False
@@ -321,8 +384,8 @@ class Odometry:
             T_key_cur=T_key_cur,
             keyframe=keyframe,
             is_keyframe=is_keyframe,
-            edges=len(edges),
-            samples=len(samples),
+            edges=len(seen.edges),
+            samples=len(seen.samples),
             alignment=alignment,
         )
 
@@ -349,14 +412,21 @@ class Odometry:
             alignment=alignment,
         )
 
-    def _set_keyframe(self, edges: EdgeImage, frame: Frame) -> None:
+    def _set_keyframe(self, seen: Seen) -> None:
         with self._clock("keyframe"):
-            index = self._registration.index(edges.describe(self.camera))
-            T_world_key = _rigid(self._T_world_last)
-            planes = self._fitter.planes(frame.depth)
-            self._keyframe = Keyframe(self._count, T_world_key, index, planes)
+            self._keyframe = Keyframe(
+                index=self._count,
+                T_world_key=_rigid(self._T_world_last),
+                edges=self._registration.index(seen.edges.describe(self.camera)),
+                planes=self._fitter.planes(seen.frame.depth),
+                samples=seen.samples,
+                points=seen.points,
+                view=seen.edges.view(),
+            )
             self._T_key_last = np.eye(4)
-        logger.debug("frame %d is a keyframe with %d edges", self._count, len(edges))
+            if self.config.keyframes.stored:
+                self._store.add(self._keyframe)
+        logger.debug("frame %d is a keyframe with %d edges", self._count, len(seen.edges))
 
     def _period(self, timestamp: float) -> float:
         """Seconds since the last frame that was not lost; the usual where stamps make no sense."""
