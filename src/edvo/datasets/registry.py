@@ -14,6 +14,7 @@ from edvo.camera import Camera
 from edvo.datasets.bonn import BonnFormat
 from edvo.datasets.eth3d import Eth3dFormat
 from edvo.datasets.icl import IclFormat
+from edvo.datasets.ros import RosFormat
 from edvo.datasets.source import Source
 from edvo.datasets.tum import TumFormat
 from edvo.errors import DatasetError
@@ -51,6 +52,7 @@ BUILT_IN: tuple[Format, ...] = (
     BonnFormat(),
     Eth3dFormat(),
     TumFormat(),
+    RosFormat(),
 )
 """The formats of edvo itself, in the order in which they are asked: the most special first."""
 
