@@ -9,10 +9,11 @@ from edvo.cli import INTERRUPTED
 from edvo.cli.compiling import compile_now
 from edvo.cli.configuration import configure
 from edvo.cli.interrupt import stop_on_interrupt
+from edvo.cli.recording import open_recording
 from edvo.cli.scores import score_table, speed_line
 from edvo.cli.terminal import note, progress, say
 from edvo.clock import StageClock
-from edvo.datasets import Source, open_source
+from edvo.datasets import Source
 from edvo.errors import DatasetError, EvaluationError
 from edvo.evaluation import Evaluation, evaluate
 from edvo.files import output_folder
@@ -33,13 +34,17 @@ def run(
     seed: int | None,
     camera: str | None,
     format: str | None,
+    colour_topic: str | None,
+    depth_topic: str | None,
     start: int,
     max_frames: int | None,
     stride: int,
 ) -> None:
     """Track a recording and write what came of it; see `edvo.cli.app.run`."""
     config = configure(preset, config_file, overrides, seed)
-    source = open_source(path, format=format, camera=camera)
+    source = open_recording(
+        path, format=format, camera=camera, colour_topic=colour_topic, depth_topic=depth_topic
+    )
     indices = choose_frames(source, start=start, max_frames=max_frames, stride=stride)
     folder = output_folder(out)
     for warning in source.warnings:
