@@ -13,7 +13,10 @@ from typing import Protocol
 from edvo.camera import Camera
 from edvo.datasets.bonn import BonnFormat
 from edvo.datasets.eth3d import Eth3dFormat
+from edvo.datasets.generic import GenericFormat
 from edvo.datasets.icl import IclFormat
+from edvo.datasets.redwood import RedwoodFormat
+from edvo.datasets.replica import ReplicaFormat
 from edvo.datasets.ros import RosFormat
 from edvo.datasets.source import Source
 from edvo.datasets.tum import TumFormat
@@ -53,6 +56,9 @@ BUILT_IN: tuple[Format, ...] = (
     Eth3dFormat(),
     TumFormat(),
     RosFormat(),
+    ReplicaFormat(),
+    RedwoodFormat(),
+    GenericFormat(),
 )
 """The formats of edvo itself, in the order in which they are asked: the most special first."""
 
