@@ -109,6 +109,18 @@ def run(
         int | None, typer.Option(help="Track at most so many frames.", min=1)
     ] = None,
     stride: Annotated[int, typer.Option(help="Track each n-th frame only.", min=1)] = 1,
+    report: Annotated[
+        bool, typer.Option("--report", help="Write report.html, a page that needs no other file.")
+    ] = False,
+    exports: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--export",
+            help="Also write edges (3-D edge map), kitti, euroc, colmap, nerfstudio (poses), or "
+            "mesh; may be repeated.",
+            metavar="KIND",
+        ),
+    ] = None,
 ) -> None:
     """Track a recording.
 
@@ -131,6 +143,8 @@ def run(
         start=start,
         max_frames=max_frames,
         stride=stride,
+        report=report,
+        exports=exports or [],
     )
 
 
