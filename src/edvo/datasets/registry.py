@@ -18,6 +18,9 @@ from edvo.datasets.icl import IclFormat
 from edvo.datasets.redwood import RedwoodFormat
 from edvo.datasets.replica import ReplicaFormat
 from edvo.datasets.ros import RosFormat
+from edvo.datasets.scannet import ScanNetFormat
+from edvo.datasets.sens import SensFormat
+from edvo.datasets.sevenscenes import SevenScenesFormat
 from edvo.datasets.source import Source
 from edvo.datasets.tum import TumFormat
 from edvo.errors import DatasetError
@@ -56,6 +59,9 @@ BUILT_IN: tuple[Format, ...] = (
     Eth3dFormat(),
     TumFormat(),
     RosFormat(),
+    SevenScenesFormat(),
+    ScanNetFormat(),
+    SensFormat(),
     ReplicaFormat(),
     RedwoodFormat(),
     GenericFormat(),
