@@ -37,18 +37,23 @@
     return document.getElementById("show-" + name).checked;
   }
 
+  // Without the edges there is more room for the path.
+  function frame() {
+    return shown("map") ? data.scene : data.path;
+  }
+
   // The world has x right, y down, z forward, as the first camera.
   function project(x, y, z) {
-    x -= data.centre[0];
-    y -= data.centre[1];
-    z -= data.centre[2];
+    x -= view.centre[0];
+    y -= view.centre[1];
+    z -= view.centre[2];
     const cosYaw = Math.cos(view.yaw), sinYaw = Math.sin(view.yaw);
     const cosPitch = Math.cos(view.pitch), sinPitch = Math.sin(view.pitch);
     const across = cosYaw * x + sinYaw * z;
     const ahead = cosYaw * z - sinYaw * x;
     const height = sinPitch * ahead - cosPitch * y;
     const depth = cosPitch * ahead + sinPitch * y;
-    const distance = FOCAL + depth / data.radius;
+    const distance = FOCAL + depth / view.radius;
     if (distance < 0.2) return null; // behind who looks
     const scale = (view.unit * FOCAL) / distance;
     return [
@@ -103,7 +108,7 @@
   }
 
   function drawKeyframes() {
-    const size = 0.05 * data.radius;
+    const size = 0.04 * view.radius;
     for (const [place, axes] of data.keyframes) {
       const corner = (u, v) =>
         [0, 1, 2].map(
@@ -143,7 +148,8 @@
     view.height = canvas.clientHeight;
     canvas.width = Math.round(view.width * density);
     canvas.height = Math.round(view.height * density);
-    view.unit = (0.45 * view.zoom * Math.min(view.width, view.height)) / data.radius;
+    ({ centre: view.centre, radius: view.radius } = frame());
+    view.unit = (0.45 * view.zoom * Math.min(view.width, view.height)) / view.radius;
     pen.setTransform(density, 0, 0, density, 0, 0);
     pen.clearRect(0, 0, view.width, view.height);
     if (shown("map")) drawMap();

@@ -102,14 +102,12 @@ def turning_view(path: Path3D, edges: EdgePoints) -> str:
     lines = np.concatenate([known, path.truth])
     # The farthest edges may leave the picture: the path must not shrink to a dot.
     seen = np.percentile(few.points, (10, 90), axis=0) if len(few) else known[:1]
-    low = np.minimum(lines.min(axis=0), seen.min(axis=0))
-    high = np.maximum(lines.max(axis=0), seen.max(axis=0))
     farthest = float(np.abs(few.points).max(initial=1e-3))
     unit = farthest / 32_000
     colours = np.rint(255 * 0.85 * direction_colours(few.gradients)).astype(np.uint8)
     data = {
-        "centre": np.round(0.5 * (low + high), 4).tolist(),
-        "radius": round(float(np.linalg.norm(high - low)) / 2 + 1e-3, 4),
+        "scene": _ball(np.concatenate([lines, seen])),
+        "path": _ball(lines),
         "estimate": _rows(path.places, path.ranks),
         "truth": np.round(path.truth[:: _step(path.truth, _MOST_PLACES)], 4).tolist(),
         "keyframes": [
@@ -156,6 +154,13 @@ def _rows(places: NDArray[np.float64], ranks: NDArray[np.int64]) -> list[list[fl
         elif rows and rows[-1] is not None:
             rows.append(None)
     return rows
+
+
+def _ball(places: NDArray[np.float64]) -> dict[str, object]:
+    """Centre and radius of a ball around places, never quite a point."""
+    low, high = places.min(axis=0), places.max(axis=0)
+    radius = float(np.linalg.norm(high - low)) / 2 + 1e-3
+    return {"centre": np.round(0.5 * (low + high), 4).tolist(), "radius": round(radius, 4)}
 
 
 def _step(rows: NDArray[np.float64], most: int) -> int:

@@ -6,9 +6,9 @@ import numpy as np
 
 from edvo.export.edge_map import EdgeMap
 from edvo.frame import Frame
-from edvo.odometry import Odometry, Status, TrackedFrame
+from edvo.odometry import Status, TrackedFrame
 from edvo.report.sights import Sight
-from edvo.report.tracking import FrameRecord
+from edvo.report.tracking import FrameRecord, Tracker
 
 SPANS = 8  # the run is parted into so many, and of each the worst frame and a plain one are kept
 WORST_SHOWN = 5
@@ -20,11 +20,11 @@ Doubt = tuple[int, float, float]
 
 
 class Watch:
-    """Hands frames on to edvo; keeps a few of them, and adds keyframes to a map.
+    """Hands frames on to a tracker; keeps a few of them, and adds keyframes to a map.
 
     Parameters
     ----------
-    odometry : Odometry
+    tracker : Tracker
         What tracks.
     frames : int
         How many there will be.
@@ -40,13 +40,13 @@ class Watch:
 
     def __init__(
         self,
-        odometry: Odometry,
+        tracker: Tracker,
         frames: int,
         *,
         keep_sights: bool = True,
         edge_map: EdgeMap | None = None,
     ) -> None:
-        self._odometry = odometry
+        self._tracker = tracker
         self._span = max(1, -(-frames // SPANS))
         self._keep_sights = keep_sights
         self._map = edge_map
@@ -57,7 +57,7 @@ class Watch:
 
     def track(self, frame: Frame) -> TrackedFrame:
         """Give the pose of a frame; what is kept of it is decided later, outside of its time."""
-        result = self._odometry.track(frame)
+        result = self._tracker.track(frame)
         self._fresh = Sight(frame, result, self._keyframe)
         if result.is_keyframe:
             self._keyframe = frame
@@ -65,7 +65,7 @@ class Watch:
 
     def skip(self, timestamp: float, reason: str) -> TrackedFrame:
         """Take note of a frame that could not be read."""
-        return self._odometry.skip(timestamp, reason)
+        return self._tracker.skip(timestamp, reason)
 
     def after(self, record: FrameRecord) -> None:
         """Decide what to keep of the last frame.
