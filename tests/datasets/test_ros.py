@@ -14,6 +14,7 @@ from edvo.errors import DatasetError
 from edvo.frame import Frame
 
 from .conftest import CAMERA, colour_image, depth_image
+from .layouts import FRAMES, RATE, assert_same, recording, write_tum
 from .ros_bags import (
     KINDS,
     Message,
@@ -86,6 +87,22 @@ def test_every_kind_of_bag(tmp_path, kind, compression):
     assert described["colour_topic"] == f"{COLOUR} (bgr8)"
     assert described["depth_topic"] == f"{DEPTH} (16UC1)"
     assert described["bag"] == {"ros1": "ROS 1"}.get(kind, f"ROS 2 {kind}")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_it_is_tracked_as_its_tum_twin(tmp_path, kind):
+    of = recording()
+    camera = of.camera
+    size = {"width": camera.width, "height": camera.height}
+    k = (camera.fx, camera.fy, camera.cx, camera.cy)
+    messages = [camera_info(INFO, 0.0, k=k, **size)]
+    for index in range(FRAMES):
+        time = index / RATE
+        messages.append(image(COLOUR, time, of.colour[index], "bgr8"))
+        messages.append(image(DEPTH, time, of.values(index, 1000.0), "16UC1"))
+    twin = write_tum(tmp_path / "twin", of, scale=1000.0, truth=False)
+    source = open_source(write_bag(tmp_path / "bag", kind, messages))
+    assert_same(source, twin, stamps=False)
 
 
 @pytest.mark.parametrize(("kind", "end"), [("sqlite3", ".db3"), ("mcap", ".mcap")])
