@@ -45,9 +45,10 @@ def find_folders(path: Path, colour: Sequence[str]) -> tuple[Path, Path] | None:
     (pathlib.Path, pathlib.Path) or None
         Both, if both are there.
     """
-    if not path.is_dir():
+    try:
+        there = {entry.name.lower(): entry for entry in sorted(path.iterdir()) if entry.is_dir()}
+    except OSError:  # no folder, or none that may be read
         return None
-    there = {entry.name.lower(): entry for entry in sorted(path.iterdir()) if entry.is_dir()}
     ours = next((there[name] for name in colour if name in there), None)
     theirs = next((there[name] for name in DEPTH_FOLDERS if name in there), None)
     return None if ours is None or theirs is None else (ours, theirs)

@@ -75,7 +75,7 @@ class TwoCameras:
         pixels = np.column_stack((u.ravel(), v.ravel()))
         seen = self.depth.project(ours.backproject(pixels, np.ones(len(pixels))))
         map_u, map_v = np.nan_to_num(seen, nan=-9.0).astype(np.float32).T
-        return map_u.reshape(u.shape), map_v.reshape(u.shape)
+        return map_u.reshape(u.shape).copy(), map_v.reshape(u.shape).copy()
 
     def load(self, timestamp: float, colour: Path, depth: Path, camera: Camera) -> Frame:
         """Read the two images of a frame; ``camera`` is `TwoCameras.camera`."""
