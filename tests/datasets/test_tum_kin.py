@@ -58,6 +58,23 @@ def test_icl_is_read_with_y_down(tmp_path):
     assert_near(track(source), Trajectory.from_poses(source.timestamps, of.poses))
 
 
+def test_icl_poses_that_are_renamed_are_told_by_their_numbers(tmp_path):
+    of = recording()
+    folder = write_icl(tmp_path / "living_room_traj2_frei_png", of)
+    renamed = folder / "groundtruth.txt"
+    (folder / "livingRoom2.gt.freiburg").rename(renamed)
+    source = open_source(folder)
+    assert source.format == "icl"
+    np.testing.assert_allclose(source.ground_truth.poses, of.poses[1:], atol=1e-7)
+    # Elsewhere, or with times, they are taken as they are.
+    renamed.write_text("# turned\n0.033333" + renamed.read_text()[1:])
+    assert open_source(folder).format == "tum"
+    other = folder.rename(tmp_path / "mine")
+    write_icl(other, of)
+    (other / "livingRoom2.gt.freiburg").rename(other / "groundtruth.txt")
+    assert open_source(other, camera=of.camera).format == "tum"
+
+
 def test_icl_published_pose_is_what_the_converted_excerpt_says(real_data):
     """The second pose of office kt3, as published, against the excerpt that others converted."""
     excerpt = open_source(real_data / "icl_office_kt3").ground_truth

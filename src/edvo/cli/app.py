@@ -64,6 +64,14 @@ CameraFile = Annotated[
 FormatName = Annotated[
     str | None, typer.Option("--format", help="Format of the source, if not found out.")
 ]
+ColourTopic = Annotated[
+    str | None,
+    typer.Option(help="Topic of a ROS bag's colour images, if not found out.", metavar="NAME"),
+]
+DepthTopic = Annotated[
+    str | None,
+    typer.Option(help="Topic of its depth images, registered to colour.", metavar="NAME"),
+]
 
 
 def _version(wanted: bool) -> None:
@@ -94,11 +102,25 @@ def run(
     seed: Seed = None,
     camera: CameraFile = None,
     format: FormatName = None,
+    colour_topic: ColourTopic = None,
+    depth_topic: DepthTopic = None,
     start: Annotated[int, typer.Option(help="First frame, counted from 0.", min=0)] = 0,
     max_frames: Annotated[
         int | None, typer.Option(help="Track at most so many frames.", min=1)
     ] = None,
     stride: Annotated[int, typer.Option(help="Track each n-th frame only.", min=1)] = 1,
+    report: Annotated[
+        bool, typer.Option("--report", help="Write report.html, a page that needs no other file.")
+    ] = False,
+    exports: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--export",
+            help="Also write edges (3-D edge map), kitti, euroc, colmap, nerfstudio (poses), or "
+            "mesh; may be repeated.",
+            metavar="KIND",
+        ),
+    ] = None,
 ) -> None:
     """Track a recording.
 
@@ -116,9 +138,13 @@ def run(
         seed=seed,
         camera=camera,
         format=format,
+        colour_topic=colour_topic,
+        depth_topic=depth_topic,
         start=start,
         max_frames=max_frames,
         stride=stride,
+        report=report,
+        exports=exports or [],
     )
 
 
@@ -127,6 +153,8 @@ def info(
     source: SourcePath,
     camera: CameraFile = None,
     format: FormatName = None,
+    colour_topic: ColourTopic = None,
+    depth_topic: DepthTopic = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Say what would be assumed about a recording.
@@ -135,7 +163,14 @@ def info(
     """
     from edvo.cli.info import info as body
 
-    body(source, camera=camera, format=format, as_json=as_json)
+    body(
+        source,
+        camera=camera,
+        format=format,
+        colour_topic=colour_topic,
+        depth_topic=depth_topic,
+        as_json=as_json,
+    )
 
 
 @app.command()

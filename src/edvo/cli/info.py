@@ -4,14 +4,24 @@ import json
 from pathlib import Path
 from typing import Any
 
+from edvo.cli.recording import open_recording
 from edvo.cli.terminal import say
-from edvo.datasets import open_source
 from edvo.datasets.inspection import inspect
 
 
-def info(path: Path, *, camera: str | None, format: str | None, as_json: bool) -> None:
+def info(
+    path: Path,
+    *,
+    camera: str | None,
+    format: str | None,
+    colour_topic: str | None,
+    depth_topic: str | None,
+    as_json: bool,
+) -> None:
     """Say what would be assumed about a recording."""
-    source = open_source(path, format=format, camera=camera)
+    source = open_recording(
+        path, format=format, camera=camera, colour_topic=colour_topic, depth_topic=depth_topic
+    )
     described = source.describe()
     described["warnings"] += inspect(source)
     if as_json:

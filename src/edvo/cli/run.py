@@ -8,17 +8,19 @@ import typer
 from edvo.cli import INTERRUPTED
 from edvo.cli.compiling import compile_now
 from edvo.cli.configuration import configure
+from edvo.cli.extras import Extras
 from edvo.cli.interrupt import stop_on_interrupt
+from edvo.cli.recording import open_recording
 from edvo.cli.scores import score_table, speed_line
 from edvo.cli.terminal import note, progress, say
 from edvo.clock import StageClock
-from edvo.datasets import Source, open_source
+from edvo.datasets import Source
 from edvo.errors import DatasetError, EvaluationError
 from edvo.evaluation import Evaluation, evaluate
 from edvo.files import output_folder
 from edvo.odometry import Odometry, Status
 from edvo.report.results import TRAJECTORY, write_results
-from edvo.report.tracking import Run, choose_frames, track_source
+from edvo.report.tracking import FrameRecord, Run, choose_frames, track_source
 
 _PROBLEMS_SHOWN = 5
 
@@ -33,13 +35,20 @@ def run(
     seed: int | None,
     camera: str | None,
     format: str | None,
+    colour_topic: str | None,
+    depth_topic: str | None,
     start: int,
     max_frames: int | None,
     stride: int,
+    report: bool,
+    exports: list[str],
 ) -> None:
     """Track a recording and write what came of it; see `edvo.cli.app.run`."""
     config = configure(preset, config_file, overrides, seed)
-    source = open_source(path, format=format, camera=camera)
+    extras = Extras(report, exports)
+    source = open_recording(
+        path, format=format, camera=camera, colour_topic=colour_topic, depth_topic=depth_topic
+    )
     indices = choose_frames(source, start=start, max_frames=max_frames, stride=stride)
     folder = output_folder(out)
     for warning in source.warnings:
@@ -48,19 +57,25 @@ def run(
     cv2.setNumThreads(1)
     compile_now(config)
     clock = StageClock()
-    odometry = Odometry(source.camera, config, clock=clock)
+    watch = extras.watch(Odometry(source.camera, config, clock=clock), len(indices))
     with stop_on_interrupt() as stop, progress(source.name, len(indices)) as advance:
+
+        def after(record: FrameRecord) -> None:
+            watch.after(record)
+            advance()
+
         done = track_source(
             source,
-            odometry,
+            watch,
             indices=indices,
             clock=clock,
-            on_frame=lambda record: advance(),
+            on_frame=after,
             stop=stop,
         )
     errors = _evaluate(source, done)
     write_results(done, folder, config, errors)
-    _report(done, folder, errors)
+    more = extras.write(done, indices, config, errors, watch, folder)
+    _report(done, folder, errors, more)
     if done.interrupted:
         note(
             f"interrupted after {len(done.frames)} of {done.wanted} frames; "
@@ -81,7 +96,7 @@ def _evaluate(source: Source, run: Run) -> Evaluation | None:
         return None
 
 
-def _report(run: Run, folder: Path, errors: Evaluation | None) -> None:
+def _report(run: Run, folder: Path, errors: Evaluation | None, more: list[str]) -> None:
     for problem in run.problems[:_PROBLEMS_SHOWN]:
         note(f"skipped: {problem}")
     if len(run.problems) > _PROBLEMS_SHOWN:
@@ -98,4 +113,5 @@ def _report(run: Run, folder: Path, errors: Evaluation | None) -> None:
         say(score_table({"edvo": errors}))
         for line in errors.notes:
             note(line)
-    say(f"wrote {folder / TRAJECTORY}, frames.csv, summary.json, config.yaml")
+    files = [str(folder / TRAJECTORY), "frames.csv", "summary.json", "config.yaml", *more]
+    say(f"wrote {', '.join(files)}")

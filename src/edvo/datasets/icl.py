@@ -7,6 +7,8 @@
     associations.txt               "index depth/N.png index rgb/N.png"
     livingRoom0.gt.freiburg        "index tx ty tz qx qy qz qw"; traj0.gt.freiburg for the office
 
+Many rename the last to groundtruth.txt; its frame numbers and the folder's name tell it then.
+
 The camera is published with a negative fy: its y axis points up, and so does the world's, which
 makes both left-handed. The reader turns both y axes down; fy is positive then, the images stay as
 they are, and a pose T becomes S T S with S = diag(1, -1, 1, 1).
@@ -17,10 +19,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from edvo.datasets.known_cameras import KNOWN_CAMERAS, choose_camera
+from edvo.datasets.known_cameras import KNOWN_CAMERAS, choose_camera, recognise_camera
 from edvo.datasets.listed import CameraChoice, pair_source
 from edvo.datasets.source import Source
-from edvo.datasets.tum import lists_in, read_lists, read_truth
+from edvo.datasets.tum import GROUND_TRUTH, is_index, lists_in, read_lists, read_truth
 
 TRUTH = "*.gt.freiburg"
 
@@ -34,7 +36,7 @@ class IclFormat:
     layout = f"a folder with associations.txt and {TRUTH}"
 
     def recognise(self, path: Path) -> str | None:
-        """Say which of its files are there; the trajectory's name tells it from TUM."""
+        """Say which of its files are there; the trajectory tells it from TUM."""
         truth, lists = _truth_file(path), lists_in(path)
         return f"{truth.name} and {lists}" if truth and lists else None
 
@@ -72,4 +74,14 @@ def y_down(poses: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _truth_file(path: Path) -> Path | None:
-    return min(path.glob(TRUTH), default=None) if path.is_dir() else None
+    published = min(path.glob(TRUTH), default=None)
+    if published is not None:
+        return published
+    renamed, known = path / GROUND_TRUTH, recognise_camera(path)
+    if known is None or known[0] is not KNOWN_CAMERAS["icl-nuim"] or not renamed.is_file():
+        return None
+    # Poses that someone has turned come with times instead of numbers.
+    with renamed.open(encoding="utf-8", errors="replace") as lines:
+        rows = (line.split() for line in lines)
+        first = next((row for row in rows if row and not row[0].startswith("#")), None)
+    return renamed if first is not None and is_index(first[0]) else None

@@ -13,7 +13,14 @@ from typing import Protocol
 from edvo.camera import Camera
 from edvo.datasets.bonn import BonnFormat
 from edvo.datasets.eth3d import Eth3dFormat
+from edvo.datasets.generic import GenericFormat
 from edvo.datasets.icl import IclFormat
+from edvo.datasets.redwood import RedwoodFormat
+from edvo.datasets.replica import ReplicaFormat
+from edvo.datasets.ros import RosFormat
+from edvo.datasets.scannet import ScanNetFormat
+from edvo.datasets.sens import SensFormat
+from edvo.datasets.sevenscenes import SevenScenesFormat
 from edvo.datasets.source import Source
 from edvo.datasets.tum import TumFormat
 from edvo.errors import DatasetError
@@ -51,6 +58,13 @@ BUILT_IN: tuple[Format, ...] = (
     BonnFormat(),
     Eth3dFormat(),
     TumFormat(),
+    RosFormat(),
+    SevenScenesFormat(),
+    ScanNetFormat(),
+    SensFormat(),
+    ReplicaFormat(),
+    RedwoodFormat(),
+    GenericFormat(),
 )
 """The formats of edvo itself, in the order in which they are asked: the most special first."""
 

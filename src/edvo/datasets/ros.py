@@ -129,7 +129,10 @@ def open_bag(
     --------
     >>> source = open_bag("my.bag", depth_topic="/camera/depth_registered")  # doctest: +SKIP
     """
-    place = Path(path)
+    # Absolute, for "." to have a name; links are kept, since the name may tell the camera.
+    place = Path(os.path.abspath(path))  # noqa: PTH100
+    if not place.exists():
+        raise DatasetError(f"{path}: no such file or folder; check the path")
     bag = Bag(place)
     try:
         source = _open(bag, camera, colour_topic, depth_topic)

@@ -18,7 +18,7 @@ from struct import Struct
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
-from edvo.datasets.ros_files import Recent, SharedFile, decompressor, inflate
+from edvo.datasets.ros_files import BoundedPath, Recent, SharedFile, decompressor, inflate
 from edvo.datasets.ros_messages import READ_TYPES
 from edvo.errors import DatasetError, MissingExtraError
 
@@ -182,7 +182,7 @@ class Bag:
                 f"{self.path}: reading ROS bags needs the extra ros; pip install 'edvo[ros]'"
             ) from error
         if not self.ros2:
-            return [self._storage(Reader1(self.path))]
+            return [self._storage(Reader1(BoundedPath(self.path)))]
         if not self.path.is_dir() or (self.path / "metadata.yaml").exists():
             return self._storages2(Reader2, self.path)
         # A recorder that was killed leaves no metadata; the files may be whole all the same.
@@ -195,7 +195,7 @@ class Bag:
 
     def _storages2(self, reader_type: Any, path: Path) -> "list[_Storage]":
         with _OneLine(path, "repair it with 'ros2 bag reindex' or 'mcap recover'"):
-            reader = self._stack.enter_context(reader_type(path))
+            reader = self._stack.enter_context(reader_type(BoundedPath(path)))
         whole = reader.storage
         packed = getattr(whole.metadata, "compression_mode", None) == "message"
         parts = [_storage2(each) for each in getattr(whole, "storages", [whole])]

@@ -7,6 +7,7 @@ from collections import OrderedDict
 from collections.abc import Callable
 from concurrent.futures import Future
 from importlib import import_module
+from io import DEFAULT_BUFFER_SIZE, SEEK_END, BufferedReader, FileIO
 from pathlib import Path
 from typing import Any
 
@@ -74,6 +75,28 @@ class SharedFile:
     def close(self) -> None:
         """Close the file."""
         self._file.close()
+
+
+class BoundedPath(type(Path())):  # type: ignore[misc]
+    """A path whose file gives no more than it has, however much is asked for.
+
+    Python allocates what is asked for before it reads, and rosbags asks for what a record claims.
+    """
+
+    def open(self, mode: str = "r", *args: Any, **options: Any) -> Any:
+        """Open the file; binary files are bounded."""
+        if mode != "rb":
+            return super().open(mode, *args, **options)
+        return _Bounded(FileIO(self))
+
+
+class _Bounded(BufferedReader):
+    def read(self, size: int | None = -1, /) -> bytes:
+        if size is not None and size > DEFAULT_BUFFER_SIZE:
+            at = self.tell()
+            size = max(min(size, self.seek(0, SEEK_END) - at), 0)
+            self.seek(at)
+        return super().read(size)
 
 
 class Recent:

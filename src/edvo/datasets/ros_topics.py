@@ -106,17 +106,16 @@ def choose_topics(
     images = [topic for topic in bag.topics if topic.type in (IMAGE, COMPRESSED_IMAGE)]
     colours = _candidates(bag, images, "colour", colour)
     depths = _candidates(bag, images, "depth", depth)
-    pairs = sorted(
-        ((_suits(c, d), c, d) for c in colours for d in depths), key=lambda pair: pair[0]
-    )
-    best, chosen_colour, chosen_depth = pairs[-1]
-    if len(pairs) > 1 and pairs[-2][0] == best:
-        _, other_colour, other_depth = pairs[-2]
-        raise DatasetError(
-            f"{bag.path}: topics {chosen_colour.name} with {chosen_depth.name} are as good as "
-            f"{other_colour.name} with {other_depth.name}; choose by --colour-topic and "
-            "--depth-topic"
-        )
+    pairs = [(_suits(c, d), c, d) for c in colours for d in depths]
+    pairs.sort(key=lambda pair: pair[0], reverse=True)
+    best, chosen_colour, chosen_depth = pairs[0]
+    for rating, other_colour, other_depth in pairs[1:2]:
+        if rating == best:
+            raise DatasetError(
+                f"{bag.path}: topics {chosen_colour.name} with {chosen_depth.name} are as good as "
+                f"{other_colour.name} with {other_depth.name}; choose by --colour-topic and "
+                "--depth-topic"
+            )
     return chosen_colour, chosen_depth
 
 

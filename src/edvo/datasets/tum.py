@@ -35,6 +35,9 @@ DEPTH_LIST = "depth.txt"
 PAIR_LISTS = ("associations.txt", "association.txt", "associate.txt", "associated.txt")
 GROUND_TRUTH = "groundtruth.txt"
 
+OTHER_COLOUR_LISTS = ("color.txt", "colour.txt", "images.txt", "image.txt")
+"""What others call the list of colour images; see `edvo.datasets.generic`."""
+
 INDEX_RATE_HZ = 30.0
 """Frames a second where stamps are frame numbers (ICL-NUIM's rate)."""
 
@@ -77,7 +80,9 @@ class TumFormat:
 
     def recognise(self, path: Path) -> str | None:
         """Say which of the lists are there; one is enough, so that `open` can miss the other."""
-        return lists_in(path)
+        lists = lists_in(path)
+        other = any((path / name).is_file() for name in OTHER_COLOUR_LISTS)
+        return None if lists == DEPTH_LIST and other else lists
 
     def open(self, path: Path, *, camera: CameraChoice = None) -> Source:
         """Open a folder: its colour images that have a depth image."""

@@ -146,6 +146,47 @@ def draw_film(path: Path, film: Film) -> None:
     write_atomically(path, data.tobytes())
 
 
+def match_picture(
+    grey: NDArray[np.uint8],
+    samples: NDArray[np.floating],
+    references: NDArray[np.floating],
+    residuals: NDArray[np.floating],
+    size: tuple[int, int],
+) -> NDArray[np.uint8]:
+    """Paint matches over a dimmed image, in colours that tell their residuals.
+
+    Parameters
+    ----------
+    grey : ndarray, shape (H, W), uint8
+        The image.
+    samples, references : ndarray, shape (M, 2)
+        Pixels (u, v) of samples, drawn as dots, and of what they match, at the ends of lines.
+    residuals : ndarray, shape (M,)
+        Pixels; green is 0, red 3 and more.
+    size : (int, int)
+        Width and height of the picture.
+
+    Returns
+    -------
+    ndarray, shape (height, width, 3), uint8
+        In OpenCV's order of colours.
+    """
+    dim = cv2.cvtColor(cv2.convertScaleAbs(grey, alpha=0.7), cv2.COLOR_GRAY2BGR)
+    picture = np.asarray(cv2.resize(dim, size, interpolation=cv2.INTER_AREA), np.uint8)
+    height, width = grey.shape
+    # To the picture, in sixteenths of a pixel.
+    scale = np.array([size[0] / width, size[1] / height])
+    ends = [
+        np.rint(16 * ((pixels + 0.5) * scale - 0.5)).astype(int).tolist()
+        for pixels in (samples, references)
+    ]
+    colours = 255 * _RESIDUALS(np.abs(residuals) / _WORST_PX)[:, 2::-1]
+    for here, there, colour in zip(*ends, colours.tolist(), strict=True):
+        cv2.line(picture, here, there, colour, 1, cv2.LINE_AA, 4)
+        cv2.circle(picture, here, 28, colour, -1, cv2.LINE_AA, 4)
+    return picture
+
+
 class _Canvas:
     """A figure whose constant part is drawn once."""
 
@@ -302,29 +343,13 @@ def _true_pose(truth: Trajectory, t: float) -> NDArray[np.float64]:
 def _edges(moment: Moment) -> NDArray[np.uint8]:
     picture = edge_picture(moment.grey, moment.pixels, moment.gradients)
     colours = np.asarray(np.rint(255 * picture[:, :, ::-1]), np.uint8)
-    return _small(colours)
+    return np.asarray(cv2.resize(colours, _PANEL[2:], interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def _matches(moment: Moment) -> NDArray[np.uint8]:
-    dim = cv2.convertScaleAbs(moment.grey, alpha=0.7)
-    picture = _small(np.asarray(cv2.cvtColor(dim, cv2.COLOR_GRAY2BGR), np.uint8))
-    height, width = moment.grey.shape
-    # To the panel, in sixteenths of a pixel.
-    scale = np.array([_PANEL[2] / width, _PANEL[3] / height])
-    ends = [
-        np.rint(16 * ((pixels + 0.5) * scale - 0.5)).astype(int).tolist()
-        for pixels in (moment.samples, moment.references)
-    ]
-    colours = 255 * _RESIDUALS(np.abs(moment.residuals) / _WORST_PX)[:, 2::-1]
-    for here, there, colour in zip(*ends, colours.tolist(), strict=True):
-        cv2.line(picture, here, there, colour, 1, cv2.LINE_AA, 4)
-        cv2.circle(picture, here, 28, colour, -1, cv2.LINE_AA, 4)
-    return picture
-
-
-def _small(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    size = _PANEL[2], _PANEL[3]
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+    return match_picture(
+        moment.grey, moment.samples, moment.references, moment.residuals, _PANEL[2:]
+    )
 
 
 def _tidy(axes: Axes, title: str) -> None:

@@ -4,7 +4,6 @@ import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,12 +13,12 @@ from edvo.datasets import Source
 from edvo.edges import extract_edges
 from edvo.evaluation import Evaluation
 from edvo.frame import Frame
-from edvo.odometry import SEED_STRIDE, Odometry, Status, TrackedFrame
+from edvo.odometry import Odometry, Status, TrackedFrame
 from edvo.report.animation import DrawnPath, Film, Moment
 from edvo.report.plots import ESTIMATE_COLOUR, MOTION_COLOUR, Scene
+from edvo.report.sights import Sight, look_again
 from edvo.report.tracking import FrameRecord, Run
 from edvo.report.warmup import cache_folder
-from edvo.sampling import sample_edges
 from edvo.synthesis.relighting import Relighter, RelitSource
 from edvo.synthesis.sequence import DEFAULT_CAMERA, Recipe, SyntheticSource, make_recipe
 from edvo.trajectory import Trajectory
@@ -104,23 +103,6 @@ def renderer_compiling_aside() -> Iterator[None]:
         except BaseException:
             aside.kill()
             raise
-
-
-@dataclass(frozen=True, slots=True)
-class Sight:
-    """A frame kept to be drawn.
-
-    Attributes
-    ----------
-    frame : Frame
-    result : TrackedFrame
-    keyframe : Frame or None
-        What it was registered with.
-    """
-
-    frame: Frame
-    result: TrackedFrame
-    keyframe: Frame | None
 
 
 class Watched:
@@ -208,29 +190,16 @@ def film_of(
 
 
 def _moment(sight: Sight, runs: Mapping[str, Run], camera: Camera, config: Config) -> Moment:
-    """Find again, in a frame that is drawn, the edges and samples that the tracker had."""
-    frame, result = sight.frame, sight.result
-    image = extract_edges(frame.grey, config.edges)
-    edges = image.describe(camera)
-    samples = references = np.empty((0, 2), np.float32)
-    residuals = np.empty(0)
-    if result.alignment is not None and sight.keyframe is not None:
-        seed = config.seed * SEED_STRIDE + result.index
-        drawn = sample_edges(image, frame.depth, camera, config.sampling, config.edges, seed).pixels
-        reference = extract_edges(sight.keyframe.grey, config.edges).describe(camera).pixels
-        matches = result.alignment.matches
-        matched = matches >= 0
-        samples, references = drawn[matched], reference[matches[matched]]
-        residuals = result.alignment.residuals[matched]
+    index, seen = sight.result.index, look_again(sight, camera, config)
     return Moment(
-        index=result.index,
-        grey=frame.grey,
-        pixels=edges.pixels,
-        gradients=edges.gradients,
-        samples=samples,
-        references=references,
-        residuals=residuals,
-        words=[_words(name, run.frames[result.index]) for name, run in runs.items()],
+        index=index,
+        grey=seen.grey,
+        pixels=seen.pixels,
+        gradients=seen.gradients,
+        samples=seen.samples,
+        references=seen.references,
+        residuals=seen.residuals,
+        words=[_words(name, run.frames[index]) for name, run in runs.items()],
     )
 
 

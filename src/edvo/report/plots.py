@@ -89,7 +89,7 @@ def draw_scenes(path: Path, scenes: Sequence[Scene], *, title: str) -> None:
         _draw_light(part.add_subplot(grid[1, 0]), scene.others)
         path_axes, error_axes = (part.add_subplot(grid[:, column]) for column in (1, 2))
         _draw_path(path_axes, scene.reference, scene.estimate, scene.evaluation)
-        _draw_errors(error_axes, scene.evaluation)
+        draw_errors(error_axes, scene.evaluation)
     _save(figure, path)
 
 
@@ -118,7 +118,7 @@ def draw_evaluation(
     figure.suptitle(title, fontsize=14, fontweight="bold")
     left, right = figure.subplots(1, 2)
     _draw_path(left, reference, estimate, evaluation)
-    _draw_errors(right, evaluation)
+    draw_errors(right, evaluation)
     _save(figure, path)
 
 
@@ -221,7 +221,16 @@ def _draw_path(
     _tidy(axes)
 
 
-def _draw_errors(axes: Axes, evaluation: Evaluation) -> None:
+def draw_errors(axes: Axes, evaluation: Evaluation) -> None:
+    """Draw the errors over time.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        Where to.
+    evaluation : Evaluation
+        At least one of its errors.
+    """
     starts = [e.stamps[0] for e in (evaluation.rpe, evaluation.ate) if e is not None]
     begin = min(starts)
     if evaluation.ate is not None:

@@ -1,0 +1,121 @@
+"""What `edvo run` writes beyond its results where it is asked to: the report and the exports."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from edvo.cli.terminal import note
+from edvo.config import Config
+from edvo.evaluation import Evaluation
+from edvo.export.edge_map import EdgeMap
+from edvo.files import write_atomically
+from edvo.odometry import Odometry, Status
+from edvo.report.tracking import Run
+from edvo.report.watch import Watch
+
+
+class Extras:
+    """Report and exports of one run.
+
+    Parameters
+    ----------
+    report : bool
+        Whether there is to be a report.
+    exports : sequence of str
+        Kinds of exports.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such export.
+    MissingExtraError
+        If it needs a package that is not there.
+    """
+
+    def __init__(self, report: bool, exports: Sequence[str]) -> None:
+        self._report, self._exports = report, exports
+        if exports:
+            from edvo.export.registry import check_kinds
+
+            check_kinds(exports)
+
+    def watch(self, odometry: Odometry, frames: int) -> Watch:
+        """Give a tracker that keeps what will be needed, which may be nothing.
+
+        Parameters
+        ----------
+        odometry : Odometry
+            What tracks.
+        frames : int
+            How many there will be.
+
+        Returns
+        -------
+        Watch
+        """
+        self._map = EdgeMap(odometry.camera, odometry.config.edges)
+        wanted = self._report or bool(self._exports)
+        edge_map = self._map if wanted else None
+        return Watch(odometry, frames, keep_sights=self._report, edge_map=edge_map)
+
+    def write(
+        self,
+        run: Run,
+        indices: Sequence[int],
+        config: Config,
+        errors: Evaluation | None,
+        watch: Watch,
+        folder: Path,
+    ) -> list[str]:
+        """Write what was asked for.
+
+        Parameters
+        ----------
+        run : Run
+            What was tracked.
+        indices : sequence of int
+            Which frames of the source that was.
+        config : Config
+            Its parameters.
+        errors : Evaluation or None
+            Its errors.
+        watch : Watch
+            What tracked it.
+        folder : pathlib.Path
+            Where to; it must exist.
+
+        Returns
+        -------
+        list of str
+            Names of the files.
+
+        Raises
+        ------
+        OutputError
+            If a file cannot be written.
+        """
+        written: list[str] = []
+        if self._report and run.frames:
+            from edvo.datasets.inspection import inspect
+            from edvo.report.run_page import PAGE, page
+
+            warnings = [*run.source.warnings, *inspect(run.source)]
+            html = page(run, config, errors, watch, self._map.points(), warnings)
+            write_atomically(folder / PAGE, html)
+            written.append(PAGE)
+        if self._exports:
+            written += self._export(run, indices, folder)
+        return written
+
+    def _export(self, run: Run, indices: Sequence[int], folder: Path) -> list[str]:
+        from edvo.export.registry import Material, export
+
+        posed = [
+            index
+            for index, record in zip(indices, run.frames, strict=False)
+            if record.status is not Status.LOST
+        ]
+        if not posed:
+            note("warning: no frame has a pose: nothing to export")
+            return []
+        material = Material(run.source, posed, run.trajectory(), self._map.points())
+        return export(self._exports, material, folder)

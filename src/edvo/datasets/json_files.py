@@ -1,0 +1,68 @@
+"""Cameras in JSON files."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from edvo.camera import Camera
+from edvo.errors import CameraError, DatasetError
+
+
+def read_json(file: Path) -> Any:
+    """Read a JSON file.
+
+    Parameters
+    ----------
+    file : pathlib.Path
+        The file.
+
+    Returns
+    -------
+    Any
+        What it holds.
+
+    Raises
+    ------
+    DatasetError
+        If it cannot be read or is none; the message names it.
+    """
+    try:
+        return json.loads(file.read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise DatasetError(f"cannot read {file}: {error.strerror or error}") from error
+    except (ValueError, RecursionError) as error:
+        raise DatasetError(f"{file} is no JSON: {error}; correct it") from error
+
+
+def camera_of(file: Path, build: Callable[[Any], Camera]) -> Camera:
+    """Make a camera of a JSON file.
+
+    Parameters
+    ----------
+    file : pathlib.Path
+        The file.
+    build : callable
+        Makes the camera of what the file holds.
+
+    Returns
+    -------
+    Camera
+        The camera.
+
+    Raises
+    ------
+    DatasetError
+        If the file is no JSON.
+    CameraError
+        If something is missing in it or cannot be; the message names it.
+    """
+    content = read_json(file)
+    try:
+        return build(content)
+    except CameraError as error:
+        raise CameraError(f"{file}: {error}") from error
+    except KeyError as error:
+        raise CameraError(f"{file}: {error} is missing; add it, or give --camera FILE") from error
+    except (AttributeError, IndexError, TypeError, ValueError) as error:
+        raise CameraError(f"{file} is no camera: {error}; give --camera FILE") from error

@@ -1,0 +1,88 @@
+"""Frames kept to be shown, with what the tracker made of them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edvo.camera import Camera
+from edvo.config import Config
+from edvo.edges import extract_edges
+from edvo.frame import Frame
+from edvo.odometry import SEED_STRIDE, TrackedFrame
+from edvo.sampling import sample_edges
+
+
+@dataclass(frozen=True, slots=True)
+class Sight:
+    """A frame kept to be drawn.
+
+    Attributes
+    ----------
+    frame : Frame
+    result : TrackedFrame
+    keyframe : Frame or None
+        What it was registered with.
+    """
+
+    frame: Frame
+    result: TrackedFrame
+    keyframe: Frame | None
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """What is drawn of a sight; pixels are ideal ones.
+
+    Attributes
+    ----------
+    grey : ndarray, shape (H, W), uint8
+        Its image without distortion.
+    pixels, gradients : ndarray, shape (N, 2)
+        Its edge pixels (u, v) and their unit gradients.
+    samples, references : ndarray, shape (M, 2)
+        Pixels of the samples with a match, and of the edges of the keyframe that they match.
+    residuals : ndarray, shape (M,)
+        Distances left, pixels.
+    """
+
+    grey: NDArray[np.uint8]
+    pixels: NDArray[np.floating]
+    gradients: NDArray[np.floating]
+    samples: NDArray[np.floating]
+    references: NDArray[np.floating]
+    residuals: NDArray[np.floating]
+
+
+def look_again(sight: Sight, camera: Camera, config: Config) -> Seen:
+    """Find again, in a frame that is drawn, the edges and samples that the tracker had.
+
+    Parameters
+    ----------
+    sight : Sight
+        What was kept.
+    camera : Camera
+        Of both frames.
+    config : Config
+        Of the odometry that gave the result.
+
+    Returns
+    -------
+    Seen
+        Without matches where the frame was not registered.
+    """
+    frame, result = sight.frame, sight.result
+    image = extract_edges(frame.grey, config.edges)
+    edges = image.describe(camera)
+    samples = references = np.empty((0, 2), np.float32)
+    residuals = np.empty(0)
+    if result.alignment is not None and sight.keyframe is not None:
+        seed = config.seed * SEED_STRIDE + result.index
+        drawn = sample_edges(image, frame.depth, camera, config.sampling, config.edges, seed).pixels
+        reference = extract_edges(sight.keyframe.grey, config.edges).describe(camera).pixels
+        matches = result.alignment.matches
+        matched = matches >= 0
+        samples, references = drawn[matched], reference[matches[matched]]
+        residuals = result.alignment.residuals[matched]
+    grey = camera.undistort_image(frame.grey)
+    return Seen(grey, edges.pixels, edges.gradients, samples, references, residuals)
