@@ -187,8 +187,7 @@ def compose(
     parts = [
         f"Relative pose error over one second, rmse (and median), m/s, by the TUM script; the "
         f"coverage where not every frame has a pose. edvo: the median of {SEEDS} seeds. OpenCV "
-        f"{machine['OpenCV']}: each frame registered with a keyframe (0.10 m, 8 degrees) or with "
-        "the frame before. "
+        f"{machine['OpenCV']}: each frame registered with a keyframe (0.10 m, 8 degrees). "
         f"Changing light: `ambient+diffuse`, 2 Hz, severity {SEVERITY:g}, seed {LIGHT_SEED}, a "
         f"jump every 1.5 s. edvo {machine['edvo']}, {machine['date']}."
     ]

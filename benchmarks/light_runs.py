@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edvo.baselines.opencv import opencv_odometry
-from edvo.baselines.pairwise import FRAME_TO_FRAME
 from edvo.camera import Camera
 from edvo.config import Config
 from edvo.datasets.readahead import read_ahead
@@ -28,12 +27,7 @@ from edvo.synthesis.relighting import Relighter
 from edvo.trajectory import Trajectory
 
 SEEDS = 3  # of edvo's sampling; the other methods draw nothing
-OPENCV = {
-    "OpenCV RGB-D, keyframe": ("rgbd", None),
-    "OpenCV RGB-D, frame": ("rgbd", FRAME_TO_FRAME),
-    "OpenCV RGB, keyframe": ("rgb", None),
-    "OpenCV RGB, frame": ("rgb", FRAME_TO_FRAME),
-}
+OPENCV = {"OpenCV RGB-D": "rgbd", "OpenCV RGB": "rgb"}  # to a keyframe, where both are better
 SYSTEMS = ("edvo default", "edvo paper", *OPENCV)
 
 
@@ -141,8 +135,8 @@ def _trackers(camera: Camera) -> Iterator[tuple[str, int, Tracker]]:
         for seed in range(SEEDS):
             config = Config.preset(preset).with_overrides([f"seed={seed}"])
             yield f"edvo {preset}", seed, Odometry(camera, config)
-    for name, (kind, keyframes) in OPENCV.items():
-        yield name, 0, opencv_odometry(camera, kind, keyframes=keyframes)
+    for name, kind in OPENCV.items():
+        yield name, 0, opencv_odometry(camera, kind)
 
 
 class _Run:

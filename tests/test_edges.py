@@ -77,7 +77,7 @@ def test_thresholds_follow_the_image_within_bounds():
     def index(image, **config):
         return extract_edges(image, EdgesConfig(**config)).index
 
-    fixed, half = {"strong_share": 0}, {"strong_share": 0, "low": 10, "high": 20}
+    fixed, half = {"strong_share": 0}, {"strong_share": 0, "low": 11, "high": 22}
     np.testing.assert_array_equal(index(faint), index(faint, **half))
     assert len(index(faint)) > len(index(faint, **fixed))
     np.testing.assert_array_equal(index(noise), index(noise, **fixed))

@@ -48,6 +48,36 @@ def test_a_turn_too_wide_for_the_edges_is_found(apart):
     assert angle < 0.5
 
 
+def test_the_search_turns_the_camera_where_it_is(apart):
+    """Not round the keyframe's: far from that, a turn would carry it away."""
+    camera, frames, _ = apart
+    odometry = Odometry(camera)
+    odometry.track(frames[0])
+    T = se3.exp(np.array([0.4, 0.0, 0.1, 0.0, 0.1, 0.0]))
+    starts = []
+
+    def keep(key, samples, points, given):
+        starts.append(given[0])
+        return align(key, samples, points, given)
+
+    align, odometry._register = odometry._register, keep
+    key = odometry._keyframe
+    seen = type("Seen", (), {"samples": key.samples, "points": key.points})
+    odometry._search(key, T, seen)
+    assert len(starts) == 16
+    np.testing.assert_allclose([s[:3, 3] for s in starts[:15]], [T[:3, 3]] * 15, atol=1e-12)
+
+
+def test_the_search_never_makes_it_worse(apart):
+    camera, frames, _ = apart
+    odometry = Odometry(camera)
+    odometry.track(frames[0])
+    key = odometry._keyframe
+    seen = type("Seen", (), {"samples": key.samples, "points": key.points})
+    perfect = odometry._register(key, key.samples, key.points, np.eye(4)[None])
+    assert odometry._search(key, np.eye(4), seen, perfect) is perfect
+
+
 def test_no_search_without_doubt(apart):
     camera, frames, _ = apart
     odometry = Odometry(camera)

@@ -55,7 +55,9 @@ class EdgesConfig(Section):
         "what is textured does not show its noise; 0 keeps them. Not in the paper",
     )
     least_scale: Annotated[float, Field(gt=0, le=1)] = Field(
-        default=0.5, description="but by no more than to this fraction, where noise begins"
+        default=0.55,
+        description="but by no more than to this fraction: below it noise begins, and the steps "
+        "between the grey levels of a dark image",
     )
     sobel_threshold: Positive = Field(
         default=120.0,
@@ -256,8 +258,8 @@ class MotionConfig(Section):
     )
     search_deg: Annotated[float, Field(ge=0, le=45)] = Field(
         default=6.0,
-        description="a registration that is in doubt is tried again from turns of so much, and "
-        "twice that, to either side; 0 for none. Not in the paper",
+        description="a registration that is in doubt is tried again from turns: so much and twice "
+        "that to either side, with so much up and down; 0 for none. Not in the paper",
     )
     max_speed_m_s: Positive = Field(default=5.0, description="a faster pose is an error")
     max_turn_deg_s: Positive = Field(default=500.0, description="a faster turn is an error")

@@ -30,6 +30,7 @@ LONGEST_PREDICTION_S = 0.2  # beyond it a constant velocity says nothing about a
 SHORTEST_PERIOD_S = 1e-3  # closer stamps are no more than a clock's jitter
 SEARCH_STRIDE = 4  # a search far afield takes one sample in so many
 LOOP_M, LOOP_RAD = 0.03, math.radians(1.5)  # that a frame found again may be off, both ways
+RECOVERY_PERIOD_S = 0.08  # then it is held against the stored keyframes no more often than that
 LONG_LOST_S = 0.3  # lost for longer, a frame may show any place that was seen before
 AGREEING_SIGMA = 3.0  # times the sensor's noise, at which depth agrees half
 NOMINAL_PERIOD_S = 1 / 30  # stands in where stamps repeat, all but repeat, or go back
@@ -158,6 +159,7 @@ class Odometry:
         self._T_key_last = np.eye(4)
         self._velocity = np.zeros(6)  # of the camera, in its own frame, 1/s
         self._last_time: float | None = None
+        self._last_recovery = -math.inf
         self._lost = False
         self._count = 0
         self._timestamps: list[float] = []
@@ -210,11 +212,7 @@ class Odometry:
             return self._begin(seen)
         if self._is_long_lost(frame.timestamp):
             with clock("recovery"):
-                recovered = self._recover(seen)
-            if recovered is not None:
-                self._keyframe, alignment = recovered
-                self._T_key_last = alignment.T_ref_cur  # it has not moved, it was found
-                return self._accept(seen, Status.TRACKED, "", alignment)
+                return self._find_back(seen)
         with clock("registration"):
             starts = self._starts(frame.timestamp)
             alignment = self._register(self._keyframe, samples, points, starts)
@@ -269,20 +267,37 @@ class Odometry:
         """
         few, points = seen.samples.every(SEARCH_STRIDE), seen.points
         angle = math.radians(self.config.motion.search_deg)
-        best = T_key_start if found is None else found.T_ref_cur
-        most = 0.0 if found is None else _agreement(found, points)
+        best, most = None, 0.0 if found is None else _agreement(found, key, points)
         for yaw in (-2, -1, 0, 1, 2):
             for pitch in (-1, 0, 1):
                 turn = se3.exp(np.array([0.0, 0.0, 0.0, pitch * angle, yaw * angle, 0.0]))
-                tried = self._register(key, few, points, (turn @ T_key_start)[None])
-                agreement = _agreement(tried, points)
+                tried = self._register(key, few, points, (T_key_start @ turn)[None])
+                agreement = _agreement(tried, key, points)
                 if agreement > most:
                     best, most = tried.T_ref_cur, agreement
-        return self._register(key, seen.samples, points, best[None])
+        if best is None and found is not None:
+            return found
+        start = T_key_start if best is None else best
+        again = self._register(key, seen.samples, points, start[None])
+        if found is not None and _agreement(again, key, points) <= _agreement(found, key, points):
+            return found  # what few samples promised, all of them do not keep
+        return again
 
     def _is_long_lost(self, timestamp: float) -> bool:
         """Whether it has been lost for so long that it may be anywhere it was before."""
         return self._lost and len(self._store) > 0 and self._period(timestamp) > LONG_LOST_S
+
+    def _find_back(self, seen: Seen) -> TrackedFrame:
+        """Go on from a stored keyframe, if the frame is sure to fit one; else it is lost."""
+        timestamp, reason = seen.frame.timestamp, "lost; looks like no place seen before"
+        if abs(timestamp - self._last_recovery) >= RECOVERY_PERIOD_S:
+            self._last_recovery = timestamp
+            recovered = self._recover(seen)
+            if recovered is not None:
+                self._keyframe, alignment = recovered
+                self._T_key_last = alignment.T_ref_cur  # it has not moved, it was found
+                return self._accept(seen, Status.TRACKED, "", alignment)
+        return self._lose(timestamp, reason, len(seen.edges), len(seen.samples), None)
 
     def _recover(self, seen: Seen) -> tuple[Keyframe, Alignment] | None:
         """Find the stored keyframe that the frame fits best, and beyond doubt both ways.
@@ -294,7 +309,7 @@ class Odometry:
         for key in self._store.likest(seen.edges.view(), self.config.keyframes.tried):
             found = self._search(key, np.eye(4), seen)
             if self._is_sure(found) and self._is_near(key, found, seen.frame.timestamp):
-                candidates.append((_agreement(found, seen.points), key, found))
+                candidates.append((_agreement(found, key, seen.points), key, found))
         if not candidates:
             return None
         _, key, found = max(candidates, key=lambda candidate: candidate[0])
@@ -472,12 +487,12 @@ class Odometry:
         return (Status.DEGRADED, doubt) if doubt else (Status.TRACKED, "")
 
 
-def _agreement(alignment: Alignment, points: PlanePoints) -> float:
+def _agreement(alignment: Alignment, key: Keyframe, points: PlanePoints) -> float:
     """Say how well a registration fits, from 0 to 1: the edges' share, times that of depth."""
     if alignment.reason in FAILURES:
         return 0.0
     edges = alignment.inliers / len(alignment.matches)
-    if not len(points.sigma):
+    if not len(points.sigma) or not key.planes.offsets.any():
         return edges
     near = alignment.plane_points / len(points.sigma)
     return edges * near / (1 + alignment.sigma_depth / AGREEING_SIGMA)
