@@ -48,6 +48,7 @@ _BEGINNINGS = {
     b"\x89MCAP0\r\n": "an mcap file",
     b"SQLite format 3\x00": "an SQLite file",
 }
+_METADATA = b"rosbag2_bagfile_information"
 _ENDINGS = (".bag", ".mcap", ".db3")
 _NANOSECONDS = 10**9
 # Colour images without depth are usual up to about this share; beyond it, it is said.
@@ -65,17 +66,13 @@ class RosFormat:
     def recognise(self, path: Path) -> str | None:
         """Say by which file it is a bag."""
         if path.is_dir():
-            if (path / "metadata.yaml").is_file():
+            if _starts(path / "metadata.yaml").startswith(_METADATA):
                 return "metadata.yaml"
             files = sorted(file for end in _ENDINGS[1:] for file in path.glob(f"*{end}"))
             return files[0].name if files else None
         if path.suffix.lower() not in _ENDINGS:
             return None
-        try:
-            with path.open("rb") as file:
-                beginning = file.read(16)
-        except OSError:
-            beginning = b""
+        beginning = _starts(path)
         kinds = [kind for start, kind in _BEGINNINGS.items() if beginning.startswith(start)]
         # A damaged file is best refused by the format that its name promises.
         return kinds[0] if kinds else f"the name ends in {path.suffix}"
@@ -258,6 +255,15 @@ def _doubt_defaults(path: Path, camera: Camera, topic: str) -> list[str]:
     ]
 
 
+def _starts(file: Path) -> bytes:
+    """Give the first bytes of a file, none if it cannot be read."""
+    try:
+        with file.open("rb") as opened:
+            return opened.read(64)
+    except OSError:
+        return b""
+
+
 @dataclass(frozen=True)
 class _Stamped:
     """The messages of a topic, with their times in nanoseconds."""
@@ -291,8 +297,9 @@ def _stamp(bag: Bag, image: ImageTopic) -> _Stamped:
     good: list[Place] = []
     stamps: list[int] = []
     problems: list[str] = []
+    places = bag.places(image.name)
     # By place, so that each compressed chunk is unpacked once.
-    for place in sorted(image.places):
+    for place in sorted(places):
         try:
             stamps.append(parse_stamp(bag.head(place, STAMP_BYTES), bag.ros2))
             good.append(place)
@@ -301,7 +308,7 @@ def _stamp(bag: Bag, image: ImageTopic) -> _Stamped:
     if not good:
         raise DatasetError(f"{bag.path}: no message of {image.name} can be read: {problems[0]}")
     order = sorted(range(len(good)), key=lambda i: good[i].recorded)
-    count = f"{len(problems)} of {len(image.places)}"
+    count = f"{len(problems)} of {len(places)}"
     return _Stamped(
         image.name,
         [good[i] for i in order],

@@ -5,6 +5,7 @@ give messages in order of time and to one thread only, so here each message's pl
 once, and messages are then taken from their places.
 """
 
+import errno
 import sqlite3
 import threading
 from abc import ABC, abstractmethod
@@ -13,6 +14,7 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from functools import cached_property
 from io import BytesIO
+from itertools import islice
 from pathlib import Path
 from struct import Struct
 from typing import Any, NamedTuple
@@ -26,6 +28,9 @@ _WHOLE_FILE = -1  # in place of a chunk: the offset counts from the start of the
 _RECORD_HEAD = 512  # the header of a message's record in ROS 1 has about 50 bytes
 _ZSTD_BLOCK = (1 << 17) + 64  # nothing comes out before the first block is complete
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+
+# What a computer lacks rather than a bag.
+_NOT_THE_BAG = (errno.EACCES, errno.EPERM, errno.EIO, errno.ENOSPC, errno.EMFILE)
 
 _UINT32 = Struct("<I")
 _MCAP_RECORD = Struct("<BQ")
@@ -125,6 +130,33 @@ class Bag:
                 found += [place._replace(storage=number) for place in storage.places(topic)]
         return sorted(found, key=lambda place: place.recorded)
 
+    def first(self, topic: str, count: int) -> list[Place]:
+        """Find some messages of a topic, without looking at all.
+
+        Parameters
+        ----------
+        topic : str
+            Its name.
+        count : int
+            At most so many.
+
+        Returns
+        -------
+        list of Place
+            Those that come first in the file.
+
+        Raises
+        ------
+        DatasetError
+            If the bag is damaged there.
+        """
+        found: list[Place] = []
+        for number, storage in enumerate(self._storages):
+            with _OneLine(self.path):
+                wanted = islice(storage.places(topic), count - len(found))
+                found += [place._replace(storage=number) for place in wanted]
+        return found
+
     def head(self, place: Place, count: int) -> bytes:
         """Read the first bytes of a message.
 
@@ -222,7 +254,7 @@ class _OneLine:
     def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
         if isinstance(error, DatasetError) or not isinstance(error, Exception):
             return
-        if isinstance(error, PermissionError):
+        if isinstance(error, OSError) and error.errno in _NOT_THE_BAG:
             raise DatasetError(f"cannot read {self.path}: {error.strerror}") from error
         # Only what rosbags raises on purpose is said to people.
         purpose = type(error).__name__ in ("ReaderError", "AnyReaderError")
