@@ -24,7 +24,6 @@ from edvo.datasets.ros_camera import camera_from_info
 from edvo.datasets.ros_images import decompressed_colour, decompressed_depth, depth_of, grey_of
 from edvo.datasets.ros_messages import (
     IMAGE,
-    STAMP_BYTES,
     CameraInfo,
     parse_compressed_image,
     parse_image,
@@ -150,7 +149,8 @@ def _open(
     warnings = check_registration(bag, colour, depth, info)
     if camera is None and found is not None:
         warnings += _doubt_defaults(bag.path, taken, found[0])
-    stamped = [_stamp(bag, image) for image in (colour, depth)]
+    names = (colour.name, depth.name)
+    stamped = [_stamp(bag, *each) for each in zip(names, bag.places(*names), strict=True)]
     if not all(each.has_stamps for each in stamped):
         warnings.append("headers have no stamps; times are those of recording")
         stamped = [each.by_recording() for each in stamped]
@@ -292,28 +292,26 @@ class _Stamped:
         return replace(self, stamps=stamps, places=[self.places[i] for i in order])
 
 
-def _stamp(bag: Bag, image: ImageTopic) -> _Stamped:
-    """Read the stamps of all messages; those without a readable one are left out."""
+def _stamp(bag: Bag, topic: str, places: Sequence[Place]) -> _Stamped:
+    """Take the stamps of all messages; those without a readable one are left out."""
     good: list[Place] = []
     stamps: list[int] = []
     problems: list[str] = []
-    places = bag.places(image.name)
-    # By place, so that each compressed chunk is unpacked once.
-    for place in sorted(places):
+    for place in places:
         try:
-            stamps.append(parse_stamp(bag.head(place, STAMP_BYTES), bag.ros2))
+            stamps.append(parse_stamp(place.head, bag.ros2))
             good.append(place)
         except DatasetError as error:
             problems.append(str(error))
     if not good:
-        raise DatasetError(f"{bag.path}: no message of {image.name} can be read: {problems[0]}")
-    order = sorted(range(len(good)), key=lambda i: good[i].recorded)
+        reason = "; ".join(problems[:1]) or "there is none"
+        raise DatasetError(f"{bag.path}: no message of {topic} can be read: {reason}")
     count = f"{len(problems)} of {len(places)}"
     return _Stamped(
-        image.name,
-        [good[i] for i in order],
-        np.array([stamps[i] for i in order], np.int64),
-        tuple(f"{image.name}: {count} messages cannot be read: {text}" for text in problems[:1]),
+        topic,
+        good,
+        np.array(stamps, np.int64),
+        tuple(f"{topic}: {count} messages cannot be read: {text}" for text in problems[:1]),
     )
 
 
