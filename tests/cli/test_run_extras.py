@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 import subprocess
+import sys
 from html.parser import HTMLParser
 from itertools import chain
 from pathlib import Path
@@ -15,7 +16,7 @@ import pytest
 
 from edvo.trajectory import Trajectory
 
-from .conftest import Command, make_sequence
+from .conftest import Command, full_disk, make_sequence
 
 VOID = {"meta", "img", "input", "br"}
 EXPORTED = {
@@ -291,6 +292,30 @@ def test_unknown_export_is_refused_before_anything_is_done(
     assert "colmap" in done.err
     assert done.err.count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+def test_missing_package_is_named_before_anything_is_done(
+    edvo: Command, whole_sequence: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "open3d", None)
+    done = edvo("run", whole_sequence, "-o", tmp_path / "out", "--export", "mesh")
+    assert done.status == 1
+    assert "edvo[open3d]" in done.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_full_disk_leaves_the_results(edvo: Command, whole_sequence: Path, tmp_path: Path) -> None:
+    with full_disk(files=4):
+        done = edvo("run", whole_sequence, "-o", tmp_path, "--report")
+    assert done.status == 1
+    assert "report.html" in done.err
+    assert "RPE" in done.out
+    assert {file.name for file in tmp_path.iterdir()} == {
+        "trajectory.txt",
+        "frames.csv",
+        "summary.json",
+        "config.yaml",
+    }
 
 
 def test_nothing_to_export(edvo: Command, sequence: Path, tmp_path: Path) -> None:

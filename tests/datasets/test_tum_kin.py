@@ -69,7 +69,8 @@ def test_icl_poses_that_are_renamed_are_told_by_their_numbers(tmp_path):
     # Elsewhere, or with times, they are taken as they are.
     renamed.write_text("# turned\n0.033333" + renamed.read_text()[1:])
     assert open_source(folder).format == "tum"
-    other = folder.rename(tmp_path / "mine")
+    (tmp_path / "elsewhere").mkdir()
+    other = folder.rename(tmp_path / "elsewhere/mine")
     write_icl(other, of)
     (other / "livingRoom2.gt.freiburg").rename(other / "groundtruth.txt")
     assert open_source(other, camera=of.camera).format == "tum"

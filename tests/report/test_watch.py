@@ -56,11 +56,11 @@ class Scripted:
 
 def watched(inliers: list[int], lost: tuple[int, ...] = (), **options: Any) -> Watch:
     watch = Watch(Scripted(inliers, lost), len(inliers), **options)
-    for index in range(len(inliers)):
+    for index, share in enumerate(inliers):
         grey = np.full((12, 16), index % 256, np.uint8)
         frame = Frame(index / 10, grey, np.ones((12, 16), np.float32))
-        watch.track(frame)
-        watch.after(record(inliers[index]))
+        result = watch.track(frame)
+        watch.after(replace(record(share), status=result.status))
     return watch
 
 
@@ -87,6 +87,12 @@ def test_lost_is_worse_than_any_misfit() -> None:
     found = watched(inliers, lost=(25,)).worst()
     assert 25 in [sight.result.index for sight in found]
     assert 20 not in [sight.result.index for sight in found]
+
+
+def test_a_loss_is_shown_by_how_it_began() -> None:
+    inliers = [90] * 23 + [20] + [10] * 6 + [90] * 50
+    found = watched(inliers, lost=tuple(range(23, 30))).worst()
+    assert [s.result.index for s in found if s.result.status is Status.LOST] == [23]
 
 
 def test_typical_fit_as_most_do() -> None:
@@ -151,3 +157,4 @@ def test_order_of_doubt() -> None:
     degraded = replace(good, status=Status.DEGRADED)
     order = [first, good, fair, blurred, degraded, lost]
     assert sorted(order, key=doubt) == order
+    assert doubt(blurred) < doubt(lost, still_lost=True) < doubt(degraded)

@@ -74,8 +74,10 @@ def run(
         )
     errors = _evaluate(source, done)
     write_results(done, folder, config, errors)
+    _report(done, folder, errors)
     more = extras.write(done, indices, config, errors, watch, folder)
-    _report(done, folder, errors, more)
+    if more:
+        say(f"wrote {', '.join(more)}")
     if done.interrupted:
         note(
             f"interrupted after {len(done.frames)} of {done.wanted} frames; "
@@ -96,7 +98,7 @@ def _evaluate(source: Source, run: Run) -> Evaluation | None:
         return None
 
 
-def _report(run: Run, folder: Path, errors: Evaluation | None, more: list[str]) -> None:
+def _report(run: Run, folder: Path, errors: Evaluation | None) -> None:
     for problem in run.problems[:_PROBLEMS_SHOWN]:
         note(f"skipped: {problem}")
     if len(run.problems) > _PROBLEMS_SHOWN:
@@ -113,5 +115,4 @@ def _report(run: Run, folder: Path, errors: Evaluation | None, more: list[str]) 
         say(score_table({"edvo": errors}))
         for line in errors.notes:
             note(line)
-    files = [str(folder / TRAJECTORY), "frames.csv", "summary.json", "config.yaml", *more]
-    say(f"wrote {', '.join(files)}")
+    say(f"wrote {folder / TRAJECTORY}, frames.csv, summary.json, config.yaml")

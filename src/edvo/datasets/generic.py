@@ -76,6 +76,7 @@ def _read(path: Path) -> Listed:
             f"{path}: there is no rgb/ or no depth/; give {GenericFormat.layout}, "
             f"or lists ({OTHER_COLOUR_LISTS[0]} and {DEPTH_LIST})"
         )
-    pairs, warnings = pair_by_name(images_in(folders[0]), images_in(folders[1]), path)
+    paired = pair_by_name(images_in(folders[0]), images_in(folders[1]), path)
+    warnings = paired.warnings if paired.timed else (NO_TIMES, *paired.warnings)
     # Numbered poses go with numbered frames.
-    return Listed(tuple(pairs), NO_TIMES in warnings, 0, tuple(warnings))
+    return Listed(paired.pairs, not paired.timed, paired.alone, warnings)

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,43 @@ _LATEST = 4  # times the lower bound: the year 2096
 _NUMBER = re.compile(r"\d+(?:\.\d+)?")
 # Redwood's scans: the number of the frame, then microseconds.
 _REDWOOD = re.compile(r"\d{7}-(\d{12})")
+
+
+@dataclass(frozen=True)
+class Paired:
+    """Images that belong together.
+
+    Parameters
+    ----------
+    pairs : tuple of ImagePair
+        In order of time, at least one.
+    alone : int
+        Colour images without a depth image, which are left out.
+    timed : bool
+        Whether the names are times; the times are made up otherwise.
+    """
+
+    pairs: tuple[ImagePair, ...]
+    alone: int
+    timed: bool
+
+    @property
+    def frames(self) -> list[tuple[str, float]]:
+        """Stamp and time of each pair."""
+        return [(pair.stamp, pair.time) for pair in self.pairs]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What looks wrong, a line each."""
+        if not self.alone:
+            return ()
+        count = self.alone + len(self.pairs)
+        return (f"{self.alone} of {count} colour images have no depth image: left out",)
+
+    @property
+    def facts(self) -> dict[str, str]:
+        """What a source tells of its times."""
+        return {"times": "in the names of the images" if self.timed else NO_TIMES}
 
 
 def find_folders(path: Path, colour: Sequence[str]) -> tuple[Path, Path] | None:
@@ -140,9 +178,7 @@ def time_in(file: Path) -> tuple[str, float] | None:
     return stamp, float(stamp)
 
 
-def pair_by_name(
-    colour: Sequence[Path], depth: Sequence[Path], where: Path
-) -> tuple[list[ImagePair], list[str]]:
+def pair_by_name(colour: Sequence[Path], depth: Sequence[Path], where: Path) -> Paired:
     """Find which colour image belongs to which depth image.
 
     Parameters
@@ -154,10 +190,9 @@ def pair_by_name(
 
     Returns
     -------
-    (list of ImagePair, list of str)
-        The pairs in order of time, and a line on what is left out or made up. Where all names
-        are times, colour and depth belong together within 20 ms; else names with the same last
-        number, or the same names, do.
+    Paired
+        Where all names are times, colour and depth belong together within 20 ms; else names with
+        the same last number, or the same names, do.
 
     Raises
     ------
@@ -168,23 +203,19 @@ def pair_by_name(
         kind = "depth" if colour else "colour"
         raise DatasetError(f"{where}: there are no {kind} images; put them beside the others")
     times = [time_in(file) for file in (*colour, *depth)]
-    if all(time is not None for time in times):
-        stamped = [time for time in times if time is not None]
+    stamped = [time for time in times if time is not None]
+    timed = len(stamped) == len(times)
+    if timed:
         pairs = _by_time(colour, depth, stamped)
-        warnings = []
     else:
         pairs = _by_number(colour, depth) or _by_stem(colour, depth)
-        warnings = [NO_TIMES]
     if not pairs:
         raise DatasetError(
             f"{where}: no colour image has a depth image of the same name, number or time "
             f"(colour {colour[0].name} to {colour[-1].name}, depth {depth[0].name} to "
             f"{depth[-1].name}); name them alike"
         )
-    alone = len(colour) - len(pairs)
-    if alone:
-        warnings.append(f"{alone} of {len(colour)} colour images have no depth image: left out")
-    return pairs, warnings
+    return Paired(tuple(pairs), len(colour) - len(pairs), timed)
 
 
 def _by_time(

@@ -18,9 +18,9 @@ from edvo.camera import Camera
 from edvo.datasets.images import first_size
 from edvo.datasets.json_files import camera_of
 from edvo.datasets.known_cameras import choose_camera
-from edvo.datasets.listed import CameraChoice, ImagePair, Truth, pair_source
+from edvo.datasets.listed import CameraChoice, Truth, pair_source
 from edvo.datasets.matrices import read_numbers, truth_of
-from edvo.datasets.names import find_folders, images_in, pair_by_name
+from edvo.datasets.names import Paired, find_folders, images_in, pair_by_name
 from edvo.datasets.source import Source
 from edvo.errors import DatasetError
 
@@ -52,16 +52,17 @@ class RedwoodFormat:
         folders = find_folders(path, COLOUR_FOLDERS)
         if folders is None:
             raise DatasetError(f"{path}: color/ or depth/ is missing; give {self.layout}")
-        pairs, warnings = pair_by_name(images_in(folders[0]), images_in(folders[1]), path)
+        paired = pair_by_name(images_in(folders[0]), images_in(folders[1]), path)
         trajectory = _trajectory_file(path)
         return pair_source(
             path,
-            pairs,
+            paired.pairs,
             format=self.name,
             recognised_by=self.recognise(path),
-            camera=choose_camera(path, camera, stated=lambda: _camera(path, pairs)),
-            truth=None if trajectory is None else lambda: _truth(trajectory, pairs),
-            warnings=warnings,
+            camera=choose_camera(path, camera, stated=lambda: _camera(path, paired)),
+            truth=None if trajectory is None else lambda: _truth(trajectory, paired),
+            warnings=paired.warnings,
+            facts=paired.facts,
         )
 
 
@@ -83,11 +84,11 @@ def _trajectory_file(path: Path) -> Path | None:
     return next((file for file in files if "traj" in file.name), None)
 
 
-def _camera(path: Path, pairs: list[ImagePair]) -> tuple[Camera, str]:
+def _camera(path: Path, paired: Paired) -> tuple[Camera, str]:
     file = _intrinsic_file(path)
     if file is not None:
         return camera_of(file, _of_json), f"{file.name} in the folder"
-    size = first_size(pair.colour for pair in pairs)
+    size = first_size(pair.colour for pair in paired.pairs)
     if size != (_PRIMESENSE.width, _PRIMESENSE.height):
         raise DatasetError(
             f"{path}: the camera of {size[0]}x{size[1]} images is not known; put a "
@@ -102,7 +103,7 @@ def _of_json(content: Any) -> Camera:
     return Camera(content["width"], content["height"], fx, fy, cx, cy, depth_scale=scale)
 
 
-def _truth(file: Path, pairs: list[ImagePair]) -> Truth:
+def _truth(file: Path, paired: Paired) -> Truth:
     try:
         numbers = read_numbers(file)
     except DatasetError as error:
@@ -110,11 +111,11 @@ def _truth(file: Path, pairs: list[ImagePair]) -> Truth:
     if not numbers.size or numbers.size % 19:
         return None, (f"ground truth not used: {file} has not 3 and 16 numbers a frame",)
     poses = numbers.reshape(-1, 19)[:, 3:].reshape(-1, 4, 4)
-    together = list(zip(pairs, poses, strict=False))
-    frames = [(pair.stamp, pair.time) for pair, _ in together]
-    truth, warnings = truth_of(frames, [pose for _, pose in together], file)
-    if len(poses) != len(pairs):
+    count = min(len(poses), len(paired.pairs))
+    truth, warnings = truth_of(paired.frames[:count], list(poses[:count]), file)
+    if len(poses) != len(paired.pairs):
         warnings += (
-            f"{file} has {len(poses)} poses for {len(pairs)} frames; taken from the first on",
+            f"{file} has {len(poses)} poses for {len(paired.pairs)} frames; "
+            "taken from the first on",
         )
     return truth, warnings

@@ -16,9 +16,9 @@ from typing import Any
 from edvo.camera import Camera
 from edvo.datasets.json_files import camera_of
 from edvo.datasets.known_cameras import choose_camera
-from edvo.datasets.listed import CameraChoice, ImagePair, Truth, pair_source
+from edvo.datasets.listed import CameraChoice, Truth, pair_source
 from edvo.datasets.matrices import read_numbers, truth_of
-from edvo.datasets.names import images_in, number_in, pair_by_name
+from edvo.datasets.names import Paired, images_in, number_in, pair_by_name
 from edvo.datasets.source import Source
 from edvo.errors import DatasetError
 
@@ -37,23 +37,22 @@ class ReplicaFormat:
 
     def recognise(self, path: Path) -> str | None:
         """Say that the images are there."""
-        first = next((path / IMAGES).glob("frame*.*"), None)
-        return f"{IMAGES}/{first.name}" if first is not None else None
+        found = next((path / IMAGES).glob("frame*.*"), None) is not None
+        return f"{IMAGES}/frame*" if found else None
 
     def open(self, path: Path, *, camera: CameraChoice = None) -> Source:
         """Open a folder."""
         images = path / IMAGES
-        pairs, warnings = pair_by_name(
-            images_in(images, "frame*"), images_in(images, "depth*"), images
-        )
+        paired = pair_by_name(images_in(images, "frame*"), images_in(images, "depth*"), images)
         return pair_source(
             path,
-            pairs,
+            paired.pairs,
             format=self.name,
             recognised_by=self.recognise(path),
             camera=choose_camera(path, camera, stated=lambda: _camera(path)),
-            truth=lambda: _truth(path / TRUTH, pairs),
-            warnings=warnings,
+            truth=lambda: _truth(path / TRUTH, paired),
+            warnings=paired.warnings,
+            facts=paired.facts,
         )
 
 
@@ -73,7 +72,7 @@ def _of_json(content: Any) -> Camera:
     return Camera(values["w"], values["h"], **numbers, depth_scale=scale, name="replica")
 
 
-def _truth(file: Path, pairs: list[ImagePair]) -> Truth:
+def _truth(file: Path, paired: Paired) -> Truth:
     if not file.exists():
         return None, ()
     try:
@@ -83,7 +82,7 @@ def _truth(file: Path, pairs: list[ImagePair]) -> Truth:
     if numbers.size % 16:
         return None, (f"ground truth not used: {file} has not 16 numbers a row",)
     # A row a frame; of a shortened folder maybe only images are gone, then their numbers tell.
-    rows = numbers.reshape(-1, 4, 4)
+    rows, pairs = numbers.reshape(-1, 4, 4), paired.pairs
     numbered = [int(float(number_in(pair.colour) or -1)) for pair in pairs]
     indices = range(len(pairs)) if len(rows) == len(pairs) else numbered
     there = [(row, pair) for row, pair in zip(indices, pairs, strict=True) if 0 <= row < len(rows)]

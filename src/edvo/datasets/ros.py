@@ -24,7 +24,6 @@ from edvo.datasets.ros_camera import camera_from_info
 from edvo.datasets.ros_images import decompressed_colour, decompressed_depth, depth_of, grey_of
 from edvo.datasets.ros_messages import (
     IMAGE,
-    STAMP_BYTES,
     CameraInfo,
     parse_compressed_image,
     parse_image,
@@ -48,6 +47,7 @@ _BEGINNINGS = {
     b"\x89MCAP0\r\n": "an mcap file",
     b"SQLite format 3\x00": "an SQLite file",
 }
+_METADATA = b"rosbag2_bagfile_information"
 _ENDINGS = (".bag", ".mcap", ".db3")
 _NANOSECONDS = 10**9
 # Colour images without depth are usual up to about this share; beyond it, it is said.
@@ -65,17 +65,13 @@ class RosFormat:
     def recognise(self, path: Path) -> str | None:
         """Say by which file it is a bag."""
         if path.is_dir():
-            if (path / "metadata.yaml").is_file():
+            if _starts(path / "metadata.yaml").startswith(_METADATA):
                 return "metadata.yaml"
             files = sorted(file for end in _ENDINGS[1:] for file in path.glob(f"*{end}"))
             return files[0].name if files else None
         if path.suffix.lower() not in _ENDINGS:
             return None
-        try:
-            with path.open("rb") as file:
-                beginning = file.read(16)
-        except OSError:
-            beginning = b""
+        beginning = _starts(path)
         kinds = [kind for start, kind in _BEGINNINGS.items() if beginning.startswith(start)]
         # A damaged file is best refused by the format that its name promises.
         return kinds[0] if kinds else f"the name ends in {path.suffix}"
@@ -153,7 +149,8 @@ def _open(
     warnings = check_registration(bag, colour, depth, info)
     if camera is None and found is not None:
         warnings += _doubt_defaults(bag.path, taken, found[0])
-    stamped = [_stamp(bag, image) for image in (colour, depth)]
+    names = (colour.name, depth.name)
+    stamped = [_stamp(bag, *each) for each in zip(names, bag.places(*names), strict=True)]
     if not all(each.has_stamps for each in stamped):
         warnings.append("headers have no stamps; times are those of recording")
         stamped = [each.by_recording() for each in stamped]
@@ -258,6 +255,15 @@ def _doubt_defaults(path: Path, camera: Camera, topic: str) -> list[str]:
     ]
 
 
+def _starts(file: Path) -> bytes:
+    """Give the first bytes of a file, none if it cannot be read."""
+    try:
+        with file.open("rb") as opened:
+            return opened.read(64)
+    except OSError:
+        return b""
+
+
 @dataclass(frozen=True)
 class _Stamped:
     """The messages of a topic, with their times in nanoseconds."""
@@ -286,27 +292,26 @@ class _Stamped:
         return replace(self, stamps=stamps, places=[self.places[i] for i in order])
 
 
-def _stamp(bag: Bag, image: ImageTopic) -> _Stamped:
-    """Read the stamps of all messages; those without a readable one are left out."""
+def _stamp(bag: Bag, topic: str, places: Sequence[Place]) -> _Stamped:
+    """Take the stamps of all messages; those without a readable one are left out."""
     good: list[Place] = []
     stamps: list[int] = []
     problems: list[str] = []
-    # By place, so that each compressed chunk is unpacked once.
-    for place in sorted(image.places):
+    for place in places:
         try:
-            stamps.append(parse_stamp(bag.head(place, STAMP_BYTES), bag.ros2))
+            stamps.append(parse_stamp(place.head, bag.ros2))
             good.append(place)
         except DatasetError as error:
             problems.append(str(error))
     if not good:
-        raise DatasetError(f"{bag.path}: no message of {image.name} can be read: {problems[0]}")
-    order = sorted(range(len(good)), key=lambda i: good[i].recorded)
-    count = f"{len(problems)} of {len(image.places)}"
+        reason = "; ".join(problems[:1]) or "there is none"
+        raise DatasetError(f"{bag.path}: no message of {topic} can be read: {reason}")
+    count = f"{len(problems)} of {len(places)}"
     return _Stamped(
-        image.name,
-        [good[i] for i in order],
-        np.array([stamps[i] for i in order], np.int64),
-        tuple(f"{image.name}: {count} messages cannot be read: {text}" for text in problems[:1]),
+        topic,
+        good,
+        np.array(stamps, np.int64),
+        tuple(f"{topic}: {count} messages cannot be read: {text}" for text in problems[:1]),
     )
 
 

@@ -5,27 +5,30 @@ give messages in order of time and to one thread only, so here each message's pl
 once, and messages are then taken from their places.
 """
 
+import errno
 import sqlite3
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
-from functools import cached_property
 from io import BytesIO
+from itertools import islice
 from pathlib import Path
 from struct import Struct
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
-from edvo.datasets.ros_files import BoundedPath, Recent, SharedFile, decompressor, inflate
-from edvo.datasets.ros_messages import READ_TYPES
+from edvo.datasets.ros_files import BoundedPath, Inflating, Recent, SharedFile, inflate
+from edvo.datasets.ros_messages import STAMP_BYTES
 from edvo.errors import DatasetError, MissingExtraError
 
 _WHOLE_FILE = -1  # in place of a chunk: the offset counts from the start of the file
 _RECORD_HEAD = 512  # the header of a message's record in ROS 1 has about 50 bytes
 _ZSTD_BLOCK = (1 << 17) + 64  # nothing comes out before the first block is complete
-_ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+
+# What a computer lacks rather than a bag.
+_NOT_THE_BAG = (errno.EACCES, errno.EPERM, errno.EIO, errno.ENOSPC, errno.EMFILE)
 
 _UINT32 = Struct("<I")
 _MCAP_RECORD = Struct("<BQ")
@@ -44,13 +47,17 @@ class Topic:
 
 
 class Place(NamedTuple):
-    """Where a message is: storage, chunk, offset in it, bytes; and when it was recorded (ns)."""
+    """Where a message is: storage, chunk, offset in it, bytes.
+
+    With it when it was recorded (nanoseconds) and its first bytes, which hold its stamp.
+    """
 
     storage: int
     chunk: int
     offset: int
     size: int
     recorded: int
+    head: bytes
 
 
 class Bag:
@@ -101,52 +108,57 @@ class Bag:
         """What kind of bag it is, for people."""
         return self._storages[0].kind if self._storages else "ROS 2"
 
-    def places(self, topic: str) -> list[Place]:
-        """Find all messages of a topic, in the order in which they were recorded.
+    def places(self, *topics: str) -> list[list[Place]]:
+        """Find all messages of some topics, going through the bag once.
+
+        Parameters
+        ----------
+        *topics : str
+            Their names.
+
+        Returns
+        -------
+        list of list of Place
+            Of each topic, in the order in which they were recorded.
+
+        Raises
+        ------
+        DatasetError
+            If the bag is damaged there.
+        """
+        found: dict[str, list[Place]] = {topic: [] for topic in topics}
+        for number, storage in enumerate(self._storages):
+            with _OneLine(self.path):
+                for topic, place in storage.places(topics):
+                    found[topic].append(place._replace(storage=number))
+        return [sorted(found[topic], key=lambda place: place.recorded) for topic in topics]
+
+    def first(self, topic: str, count: int) -> list[Place]:
+        """Find some messages of a topic, without looking at all.
 
         Parameters
         ----------
         topic : str
             Its name.
+        count : int
+            At most so many.
 
         Returns
         -------
         list of Place
-            Where they are.
+            Those that come first in the file.
 
         Raises
         ------
         DatasetError
             If the bag is damaged there.
         """
-        found = []
+        found: list[Place] = []
         for number, storage in enumerate(self._storages):
             with _OneLine(self.path):
-                found += [place._replace(storage=number) for place in storage.places(topic)]
-        return sorted(found, key=lambda place: place.recorded)
-
-    def head(self, place: Place, count: int) -> bytes:
-        """Read the first bytes of a message.
-
-        Parameters
-        ----------
-        place : Place
-            Of the message.
-        count : int
-            How many bytes, if it has so many.
-
-        Returns
-        -------
-        bytes
-            At most so many.
-
-        Raises
-        ------
-        DatasetError
-            If the bag is damaged there.
-        """
-        with _OneLine(self.path):
-            return self._storages[place.storage].read(place, count)
+                wanted = islice(storage.places((topic,)), count - len(found))
+                found += [place._replace(storage=number) for _, place in wanted]
+        return found
 
     def read(self, place: Place) -> bytes:
         """Read a message.
@@ -167,7 +179,7 @@ class Bag:
             If the bag is damaged there.
         """
         with _OneLine(self.path):
-            return self._storages[place.storage].read(place, None)
+            return self._storages[place.storage].read(place)
 
     def close(self) -> None:
         """Close its files."""
@@ -222,7 +234,7 @@ class _OneLine:
     def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
         if isinstance(error, DatasetError) or not isinstance(error, Exception):
             return
-        if isinstance(error, PermissionError):
+        if isinstance(error, OSError) and error.errno in _NOT_THE_BAG:
             raise DatasetError(f"cannot read {self.path}: {error.strerror}") from error
         # Only what rosbags raises on purpose is said to people.
         purpose = type(error).__name__ in ("ReaderError", "AnyReaderError")
@@ -242,11 +254,11 @@ class _Storage(ABC):
     def topics(self) -> list[Topic]: ...
 
     @abstractmethod
-    def places(self, topic: str) -> Iterator[Place]: ...
+    def places(self, topics: Sequence[str], head: int = STAMP_BYTES) -> Iterator[tuple[str, Place]]:
+        """Find the messages of topics, with so many of their first bytes."""
 
     @abstractmethod
-    def read(self, place: Place, count: int | None) -> bytes:
-        """Read a message, or so many of its first bytes."""
+    def read(self, place: Place) -> bytes: ...
 
     @abstractmethod
     def close(self) -> None: ...
@@ -261,8 +273,8 @@ class _Connections(_Storage):
     def topics(self) -> list[Topic]:
         return [Topic(c.topic, c.msgtype, c.msgcount) for c in self._reader.connections]
 
-    def _ids(self, topic: str) -> set[int]:
-        return {c.id for c in self._reader.connections if c.topic == topic}
+    def _ids(self, topics: Sequence[str]) -> dict[int, str]:
+        return {c.id: c.topic for c in self._reader.connections if c.topic in topics}
 
 
 class _Chunked(_Connections):
@@ -272,12 +284,12 @@ class _Chunked(_Connections):
         super().__init__(reader)
         self._file = SharedFile(Path(reader.path))
         self._inflated = Recent(self._inflate)
+        self._begun: tuple[int, Inflating] | None = None
         # Of each chunk: where its data begin, how many bytes, how packed, how many unpacked.
         self._chunks: dict[int, tuple[int, int, str, int]] = {}
 
-    def read(self, place: Place, count: int | None) -> bytes:
-        wanted = place.size if count is None else min(count, place.size)
-        return self._part(place.chunk, place.offset, wanted)
+    def read(self, place: Place) -> bytes:
+        return self._part(place.chunk, place.offset, place.size, whole=True)
 
     def close(self) -> None:
         self._file.close()
@@ -285,38 +297,54 @@ class _Chunked(_Connections):
     def _size(self, chunk: int) -> int:
         return self._file.size if chunk == _WHOLE_FILE else self._chunks[chunk][3]
 
-    def _part(self, chunk: int, offset: int, count: int) -> bytes:
-        """Take some bytes of a chunk as it is unpacked."""
+    def _part(self, chunk: int, offset: int, count: int, *, whole: bool = False) -> bytes:
+        """Take some bytes of a chunk as it is unpacked, to there or as a whole.
+
+        Going through a bag one needs the beginnings of its messages: behind the last of them a
+        chunk is not unpacked.
+        """
         if chunk == _WHOLE_FILE:
             return self._file.read(offset, count)
-        start, size, compression, _ = self._chunks[chunk]
+        start, size, compression, unpacked = self._chunks[chunk]
+        if offset + count > unpacked:
+            raise DatasetError(f"{self._file.path}: a message is longer than its chunk")
         if not compression:
-            if offset + count > size:
-                raise DatasetError(f"{self._file.path}: a message is longer than its chunk")
             return self._file.read(start + offset, count)
-        data = self._inflated(chunk)[offset : offset + count]
+        if whole:
+            data = self._inflated(chunk)[offset : offset + count]
+        else:
+            begun = self._begun
+            if begun is None or begun[0] != chunk:
+                packed = self._file.read(start, size)
+                begun = self._begun = chunk, Inflating(packed, compression, self._name(chunk))
+            data = begun[1].part(offset, count)
         if len(data) != count:
             raise DatasetError(f"{self._file.path}: a message is longer than its chunk")
         return data
 
+    def _name(self, chunk: int) -> str:
+        return f"{self._file.path}, chunk at byte {chunk}"
+
     def _inflate(self, chunk: int) -> bytes:
         start, size, compression, unpacked = self._chunks[chunk]
-        where = f"{self._file.path}, chunk at byte {chunk}"
-        return inflate(self._file.read(start, size), compression, unpacked, where)
+        return inflate(self._file.read(start, size), compression, unpacked, self._name(chunk))
 
 
 class _Ros1(_Chunked):
     kind = "ROS 1"
 
-    def places(self, topic: str) -> Iterator[Place]:
-        for connection in sorted(self._ids(topic)):
-            # By place, so that each compressed chunk is unpacked once.
-            for entry in sorted(self._reader.indexes[connection], key=lambda e: (e[1], e[2])):
-                chunk = entry.chunk_pos
-                if chunk not in self._chunks:
-                    self._chunks[chunk] = self._chunk(chunk)
-                offset, size = self._message(chunk, entry.offset)
-                yield Place(0, chunk, offset, size, entry.time)
+    def places(self, topics: Sequence[str], head: int = STAMP_BYTES) -> Iterator[tuple[str, Place]]:
+        # By place, so that each compressed chunk is unpacked once.
+        for chunk, start, recorded, topic in sorted(
+            (entry.chunk_pos, entry.offset, entry.time, topic)
+            for connection, topic in self._ids(topics).items()
+            for entry in self._reader.indexes[connection]
+        ):
+            if chunk not in self._chunks:
+                self._chunks[chunk] = self._chunk(chunk)
+            offset, size = self._message(chunk, start)
+            first = self._part(chunk, offset, min(head, size))
+            yield topic, Place(0, chunk, offset, size, recorded, first)
 
     def _chunk(self, chunk: int) -> tuple[int, int, str, int]:
         header, at = self._record(_WHOLE_FILE, chunk)
@@ -351,33 +379,19 @@ class _Ros1(_Chunked):
 class _Mcap(_Chunked):
     kind = "ROS 2 mcap"
 
-    def places(self, topic: str) -> Iterator[Place]:
-        for channel in sorted(self._ids(topic)):
-            yield from self._found.get(channel, ())
-
-    @cached_property
-    def _found(self) -> dict[int, list[Place]]:
-        """All messages that may be asked for, by channel."""
-        found: dict[int, list[Place]] = {
-            c.id: [] for c in self._reader.connections if c.msgtype in READ_TYPES
-        }
-        for place, channel in self._messages():
-            if channel in found:
-                found[channel].append(place)
-        return found
-
-    def _messages(self) -> Iterator[tuple[Place, int]]:
+    def places(self, topics: Sequence[str], head: int = STAMP_BYTES) -> Iterator[tuple[str, Place]]:
         """Go through all messages, whether the file has an index of them or not."""
+        ids = self._ids(topics)
         start, end = self._reader.data_start, self._reader.data_end
         for kind, offset, size in self._records(_WHOLE_FILE, start, end):
             if kind == _MCAP_IS_MESSAGE:
-                yield self._message(_WHOLE_FILE, offset, size)
+                yield from self._message(_WHOLE_FILE, offset, size, ids, head)
             elif kind == _MCAP_IS_CHUNK:
                 if offset not in self._chunks:
                     self._chunks[offset] = self._chunk(offset)
                 for inner, at, length in self._records(offset, 0, self._size(offset)):
                     if inner == _MCAP_IS_MESSAGE:
-                        yield self._message(offset, at, length)
+                        yield from self._message(offset, at, length, ids, head)
 
     def _records(self, chunk: int, at: int, end: int) -> Iterator[tuple[int, int, int]]:
         while at < end:
@@ -388,11 +402,15 @@ class _Mcap(_Chunked):
             yield kind, at, size
             at += size
 
-    def _message(self, chunk: int, at: int, size: int) -> tuple[Place, int]:
-        data = self._part(chunk, at, _MCAP_MESSAGE.size)
-        channel, _, recorded, _ = _MCAP_MESSAGE.unpack(data)
-        head = _MCAP_MESSAGE.size
-        return Place(0, chunk, at + head, size - head, recorded), channel
+    def _message(
+        self, chunk: int, at: int, size: int, ids: dict[int, str], head: int
+    ) -> Iterator[tuple[str, Place]]:
+        before = _MCAP_MESSAGE.size
+        data = self._part(chunk, at, min(before + head, size))
+        channel, _, recorded, _ = _MCAP_MESSAGE.unpack_from(data)
+        if channel in ids:
+            place = Place(0, chunk, at + before, size - before, recorded, data[before:])
+            yield ids[channel], place
 
     def _chunk(self, at: int) -> tuple[int, int, str, int]:
         _, _, unpacked, _, length = _MCAP_CHUNK.unpack(self._file.read(at, _MCAP_CHUNK.size))
@@ -412,19 +430,23 @@ class _Sqlite(_Connections):
             f"file:{quote(str(reader.path))}?immutable=1", uri=True, check_same_thread=False
         )
 
-    def places(self, topic: str) -> Iterator[Place]:
-        ids = sorted(self._ids(topic))
+    def places(self, topics: Sequence[str], head: int = STAMP_BYTES) -> Iterator[tuple[str, Place]]:
+        ids = self._ids(topics)
         marks = ",".join("?" * len(ids))
-        query = f"SELECT id, timestamp FROM messages WHERE topic_id IN ({marks})"
+        query = f"SELECT id, topic_id, timestamp FROM messages WHERE topic_id IN ({marks})"
         with self._lock:
-            rows = self._base.execute(query, ids).fetchall()
-        for row, recorded in rows:
-            yield Place(0, int(row), 0, 0, int(recorded))
+            rows = self._base.execute(query, sorted(ids)).fetchall()
+        for row, topic, recorded in rows:
+            yield ids[topic], Place(0, int(row), 0, 0, int(recorded), self._blob(row, head))
 
-    def read(self, place: Place, count: int | None) -> bytes:
+    def read(self, place: Place) -> bytes:
+        return self._blob(place.chunk, None)
+
+    def _blob(self, row: int, count: int | None) -> bytes:
+        """Read a message, or so many of its first bytes, which does not load the others."""
         with (
             self._lock,
-            closing(self._base.blobopen("messages", "data", place.chunk, readonly=True)) as blob,
+            closing(self._base.blobopen("messages", "data", row, readonly=True)) as blob,
         ):
             return blob.read(len(blob) if count is None else min(count, len(blob)))
 
@@ -442,16 +464,13 @@ class _MessagesPacked(_Storage):
     def topics(self) -> list[Topic]:
         return self._storage.topics()
 
-    def places(self, topic: str) -> Iterator[Place]:
-        return self._storage.places(topic)
+    def places(self, topics: Sequence[str], head: int = STAMP_BYTES) -> Iterator[tuple[str, Place]]:
+        for topic, place in self._storage.places(topics, _ZSTD_BLOCK):
+            first = Inflating(place.head, "zstd", "a message").part(0, head)
+            yield topic, place._replace(head=first)
 
-    def read(self, place: Place, count: int | None) -> bytes:
-        data = self._storage.read(place, None if count is None else _ZSTD_BLOCK)
-        if data[:4] != _ZSTD_MAGIC:
-            raise DatasetError("a message is not compressed as the bag says")
-        if count is None:
-            return inflate(data, "zstd", None, "a message")
-        return bytes(decompressor("zstd").decompress(data, max_length=count))
+    def read(self, place: Place) -> bytes:
+        return inflate(self._storage.read(place), "zstd", None, "a message")
 
     def close(self) -> None:
         self._storage.close()

@@ -134,8 +134,60 @@ class Recent:
         return value.result()
 
 
+class Inflating:
+    """A chunk that is decompressed as far as it is needed, and no further than it promised.
+
+    Parameters
+    ----------
+    data : bytes
+        Compressed.
+    compression : {"bz2", "lz4", "zstd"}
+        How.
+    where : str
+        Named in errors.
+    """
+
+    def __init__(self, data: bytes, compression: str, where: str) -> None:
+        self._left = data
+        self._decompressor = decompressor(compression)
+        self._where = where
+        self._done = bytearray()
+
+    def part(self, offset: int, count: int) -> bytes:
+        """Give some bytes of what comes out.
+
+        Parameters
+        ----------
+        offset, count : int
+            Where and how many.
+
+        Returns
+        -------
+        bytes
+            So many, or fewer at the end.
+
+        Raises
+        ------
+        DatasetError
+            If the data are damaged.
+        """
+        while len(self._done) < offset + count:
+            try:
+                wanted = offset + count - len(self._done)
+                piece = self._decompressor.decompress(self._left, max_length=wanted)
+            except EOFError:  # all is out
+                break
+            except Exception as error:  # ZstdError derives from it directly, lz4's RuntimeError too
+                raise DatasetError(f"{self._where}: damaged; copy the bag again") from error
+            self._left = b""
+            if not piece:
+                break
+            self._done += piece
+        return bytes(self._done[offset : offset + count])
+
+
 def inflate(data: bytes, compression: str, size: int | None, where: str) -> bytes:
-    """Decompress, but no further than to the size that was promised.
+    """Decompress all of a chunk.
 
     Parameters
     ----------
@@ -161,14 +213,7 @@ def inflate(data: bytes, compression: str, size: int | None, where: str) -> byte
     if size is not None and size > MAX_CHUNK_BYTES:
         raise DatasetError(f"{where}: claims {size} bytes, which no bag holds at once: damaged")
     limit = MAX_CHUNK_BYTES if size is None else size
-    try:
-        result = bytes(decompressor(compression).decompress(data, max_length=limit + 1))
-    except (OSError, EOFError, ValueError, RuntimeError, MemoryError) as error:
-        raise DatasetError(f"{where}: damaged ({compression}); copy the bag again") from error
-    except Exception as error:  # ZstdError derives from Exception alone
-        if type(error).__name__ != "ZstdError":
-            raise
-        raise DatasetError(f"{where}: damaged ({compression}); copy the bag again") from error
+    result = Inflating(data, compression, where).part(0, limit + 1)
     if len(result) > limit or (size is not None and len(result) != size):
         raise DatasetError(f"{where}: has another size than it claims; copy the bag again")
     return result

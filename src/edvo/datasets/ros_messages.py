@@ -16,9 +16,6 @@ IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 
-READ_TYPES = (IMAGE, COMPRESSED_IMAGE, CAMERA_INFO)
-"""All that is read of a bag."""
-
 STAMP_BYTES = 16
 """So many bytes of a message hold its header's stamp."""
 

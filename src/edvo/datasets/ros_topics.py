@@ -2,10 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import islice
 from typing import Literal
 
-from edvo.datasets.ros_bag import Bag, Place, Topic
+from edvo.datasets.ros_bag import Bag, Topic
 from edvo.datasets.ros_images import (
     compressed_size,
     is_16_bit_png,
@@ -41,8 +40,6 @@ class ImageTopic:
     ----------
     topic : Topic
         The topic.
-    places : tuple of Place
-        All its messages.
     holds : {"colour", "depth"} or None
         None if it is neither, or no message is good.
     encoding : str
@@ -56,7 +53,6 @@ class ImageTopic:
     """
 
     topic: Topic
-    places: tuple[Place, ...]
     holds: Literal["colour", "depth"] | None
     encoding: str = ""
     size: tuple[int, int] | None = None
@@ -243,19 +239,19 @@ def _candidates(
 def _look(bag: Bag, topic: Topic) -> ImageTopic:
     """Look at the first messages of a topic of images, until one is good."""
     try:
-        places = tuple(bag.places(topic.name))
+        places = bag.first(topic.name, _MESSAGES_TRIED)
     except DatasetError as error:
-        return ImageTopic(topic, (), None, problem=str(error))
+        return ImageTopic(topic, None, problem=str(error))
     problem = "has no message"
-    for place in islice(places, _MESSAGES_TRIED):
+    for place in places:
         try:
-            return _describe(bag, topic, places, bag.read(place))
+            return _describe(bag, topic, bag.read(place))
         except DatasetError as error:
             problem = f"cannot be read: {error}"
-    return ImageTopic(topic, places, None, problem=problem)
+    return ImageTopic(topic, None, problem=problem)
 
 
-def _describe(bag: Bag, topic: Topic, places: tuple[Place, ...], data: bytes) -> ImageTopic:
+def _describe(bag: Bag, topic: Topic, data: bytes) -> ImageTopic:
     holds: Literal["colour", "depth"] | None = None
     if topic.type == IMAGE:
         raw = parse_image(data, bag.ros2)
@@ -264,19 +260,19 @@ def _describe(bag: Bag, topic: Topic, places: tuple[Place, ...], data: bytes) ->
         holds = "depth" if is_depth(raw.encoding) else "colour" if is_colour(raw.encoding) else None
         problem = "" if holds else f"has encoding '{raw.encoding}', which edvo does not read"
         size: tuple[int, int] | None = (raw.width, raw.height)
-        return ImageTopic(topic, places, holds, raw.encoding, size, raw.header.frame_id, problem)
+        return ImageTopic(topic, holds, raw.encoding, size, raw.header.frame_id, problem)
     packed = parse_compressed_image(data, bag.ros2)
     if not len(packed.data):
         raise DatasetError("its images are empty")
     in_transport = is_compressed_depth(packed)
     holds = "depth" if in_transport or is_16_bit_png(packed.data) else "colour"
     size = compressed_size(packed.data[12:] if in_transport else packed.data)
-    return ImageTopic(topic, places, holds, packed.format, size, packed.header.frame_id)
+    return ImageTopic(topic, holds, packed.format, size, packed.header.frame_id)
 
 
 def _first_info(bag: Bag, topic: Topic) -> CameraInfo | None:
     try:
-        for place in bag.places(topic.name)[:1]:
+        for place in bag.first(topic.name, 1):
             return parse_camera_info(bag.read(place), bag.ros2)
     except DatasetError:
         pass

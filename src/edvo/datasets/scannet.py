@@ -12,6 +12,7 @@ Colour is finer than depth, so it is made as small, and depth is carried into it
 no times: frame N is N thirtieths of a second, also where only some frames were extracted.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -52,9 +53,8 @@ class ScanNetFormat:
         frames = _frames_in(path)
         if frames is None:
             raise DatasetError(f"{path}: color/, depth/ or intrinsic/ is missing; {self.layout}")
-        pairs, warnings = pair_by_name(
-            images_in(frames / "color"), images_in(frames / "depth"), frames
-        )
+        paired = pair_by_name(images_in(frames / "color"), images_in(frames / "depth"), frames)
+        pairs = paired.pairs
         colour, origin = choose_camera(path, camera, stated=lambda: _colour_camera(frames, pairs))
         both, T_rig_colour = _cameras(frames, pairs, colour)
         return pair_source(
@@ -65,12 +65,13 @@ class ScanNetFormat:
             camera=(both.camera, origin),
             load=both.load,
             truth=lambda: truth_of_files(
-                [(pair.stamp, pair.time) for pair in pairs],
+                paired.frames,
                 [frames / "pose" / f"{pair.colour.stem}.txt" for pair in pairs],
                 frames / "pose",
                 T_rig_colour,
             ),
-            warnings=warnings,
+            warnings=paired.warnings,
+            facts=paired.facts,
         )
 
 
@@ -115,13 +116,13 @@ def _camera(file: Path, size: tuple[int, int]) -> Camera:
         raise CameraError(f"{file}: {error}") from error
 
 
-def _colour_camera(frames: Path, pairs: list[ImagePair]) -> tuple[Camera, str]:
+def _colour_camera(frames: Path, pairs: Sequence[ImagePair]) -> tuple[Camera, str]:
     file = frames / "intrinsic" / "intrinsic_color.txt"
     return _camera(file, first_size(pair.colour for pair in pairs)), "intrinsic/intrinsic_color.txt"
 
 
 def _cameras(
-    frames: Path, pairs: list[ImagePair], colour: Camera
+    frames: Path, pairs: Sequence[ImagePair], colour: Camera
 ) -> tuple[TwoCameras, NDArray[np.float64]]:
     file = frames / "intrinsic" / "intrinsic_depth.txt"
     depth = _camera(file, first_size(pair.depth for pair in pairs))

@@ -73,7 +73,8 @@ class SensFormat:
         depth = camera_of_matrix(scan.intrinsics[1], scan.depth_size, scan.depth_scale)
         T_colour_rig, T_depth_rig = scan.extrinsics
         both = TwoCameras(colour, depth, T_colour_rig @ se3.inverse(T_depth_rig))
-        frames, warnings = _times(scan)
+        frames, told = _times(scan)
+        warnings = []
         if len(scan.frames) < scan.declared:
             warnings.append(
                 f"{file.name} is cut short: it has {len(scan.frames)} of {scan.declared} frames"
@@ -96,6 +97,7 @@ class SensFormat:
             camera=(frame_camera, origin),
             truth=truth,
             warnings=warnings,
+            facts={"times": told},
         )
 
 
@@ -242,10 +244,10 @@ def _entries(stream: BinaryIO, size: int, declared: int) -> Iterator[_Entry]:
         yield _Entry(T_world_rig, colour_time, at, colour_bytes, depth_bytes)
 
 
-def _times(scan: _Scan) -> tuple[list[tuple[str, float]], list[str]]:
+def _times(scan: _Scan) -> tuple[list[tuple[str, float]], str]:
     times = [entry.microseconds for entry in scan.frames]
     # Some scans have no times, all 0.
     if all(before < after for before, after in pairwise(times)) and times[-1]:
         stamps = [f"{time // 10**6}.{time % 10**6:06d}" for time in times]
-        return [(stamp, float(stamp)) for stamp in stamps], []
-    return [stamp_of_index(index) for index in range(len(times))], [NO_TIMES]
+        return [(stamp, float(stamp)) for stamp in stamps], "the file's"
+    return [stamp_of_index(index) for index in range(len(times))], NO_TIMES

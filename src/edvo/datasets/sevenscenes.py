@@ -14,6 +14,7 @@ registered already are about: where depth fits colour clearly better as it is, i
 There are no times.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -60,15 +61,16 @@ class SevenScenesFormat:
 
     def recognise(self, path: Path) -> str | None:
         """Say that the images are there."""
-        first = next(path.glob("frame-*.color.png"), None)
-        return None if first is None else f"{first.name}"
+        found = next(path.glob("frame-*.color.png"), None) is not None
+        return "frame-*.color.png" if found else None
 
     def open(self, path: Path, *, camera: CameraChoice = None) -> Source:
         """Open a sequence."""
         colour, depth = (images_in(path, f"frame-*.{kind}.png") for kind in ("color", "depth"))
         if not colour and any(path.glob("seq-*")):
             raise DatasetError(f"{path} is a scene; give one of its sequences, such as seq-01")
-        pairs, warnings = pair_by_name(colour, depth, path)
+        paired = pair_by_name(colour, depth, path)
+        pairs = paired.pairs
         depth_camera, nominal = _of_size(pairs)
         # A user's camera is that of colour, wherever depth is.
         kinds = choose_camera(
@@ -90,17 +92,17 @@ class SevenScenesFormat:
             camera=(both.camera, kinds[1]),
             load=both.load,
             truth=lambda: truth_of_files(
-                [(pair.stamp, pair.time) for pair in pairs],
+                paired.frames,
                 [_pose_file(pair) for pair in pairs],
                 path,
                 T_depth_colour,
             ),
-            warnings=warnings,
-            facts={"registration": told},
+            warnings=paired.warnings,
+            facts={**paired.facts, "registration": told},
         )
 
 
-def _of_size(pairs: list[ImagePair]) -> tuple[Camera, Camera]:
+def _of_size(pairs: Sequence[ImagePair]) -> tuple[Camera, Camera]:
     """Scale the cameras of depth and colour to the images: small copies are about."""
     width, _ = first_size(pair.depth for pair in pairs)
     factor = width / DEPTH_CAMERA.width
@@ -113,7 +115,7 @@ def _pose_file(pair: ImagePair) -> Path:
     return pair.colour.with_name(pair.colour.name.replace(".color.png", ".pose.txt"))
 
 
-def _fits_as_it_is(both: TwoCameras, pairs: list[ImagePair]) -> bool:
+def _fits_as_it_is(both: TwoCameras, pairs: Sequence[ImagePair]) -> bool:
     """Say whether depth fits colour clearly better without registration."""
     as_it_is = TwoCameras(both.colour, both.colour, np.eye(4), both.missing)
     scores = []

@@ -143,15 +143,17 @@ def _truth(
 
 
 def _rows(places: NDArray[np.float64], ranks: NDArray[np.int64]) -> list[list[float] | None]:
-    """Place and rank of each frame; one None for each stretch that was lost."""
+    """Place and rank of frames; None wherever some were lost, be it between those drawn."""
     step = _step(places, _MOST_PLACES)
+    lost = ranks == _RANK[Status.LOST]
     rows: list[list[float] | None] = []
-    for place, rank in zip(
-        np.round(places, 4)[::step].tolist(), ranks[::step].tolist(), strict=True
-    ):
-        if rank != _RANK[Status.LOST]:
-            rows.append([*place, rank])
-        elif rows and rows[-1] is not None:
+    for begin in range(0, len(places), step):
+        group = slice(begin, begin + step)
+        kept = np.flatnonzero(~lost[group])
+        if len(kept):
+            rank = int(ranks[group][kept].max())
+            rows.append([*np.round(places[begin + kept[0]], 4).tolist(), rank])
+        if lost[group].any() and rows and rows[-1] is not None:
             rows.append(None)
     return rows
 

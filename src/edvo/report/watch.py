@@ -14,7 +14,8 @@ SPANS = 8  # the run is parted into so many, and of each the worst frame and a p
 WORST_SHOWN = 5
 TYPICAL_SHOWN = 3
 
-_RANK = {Status.TRACKED: 0, Status.DEGRADED: 1, Status.LOST: 2}
+_RANK = {Status.TRACKED: 0, Status.DEGRADED: 2, Status.LOST: 3}
+_STILL_LOST = 1  # what there is to see of a loss is how it began
 
 Doubt = tuple[int, float, float]
 
@@ -52,7 +53,8 @@ class Watch:
         self._map = edge_map
         self._keyframe: Frame | None = None
         self._fresh: Sight | None = None
-        self._worst: dict[int, Sight] = {}
+        self._lost = False
+        self._worst: dict[int, tuple[Doubt, Sight]] = {}
         self._plain: dict[int, Sight] = {}
 
     def track(self, frame: Frame) -> TrackedFrame:
@@ -76,12 +78,13 @@ class Watch:
             Of that frame, tracked or not.
         """
         sight, self._fresh = self._fresh, None
+        still_lost, self._lost = self._lost, record.status is Status.LOST
         if sight is None:
             return
         if self._map is not None and sight.result.is_keyframe:
             self._map.add(sight.frame, sight.result.T_world_cam)
         if self._keep_sights:
-            self._choose(sight)
+            self._choose(sight, doubt(sight.result, still_lost=still_lost))
 
     def worst(self) -> list[Sight]:
         """Give the frames that were trusted least, from different parts of the run.
@@ -91,8 +94,8 @@ class Watch:
         list of Sight
             At most five, by time.
         """
-        found = sorted(self._worst.values(), key=lambda sight: doubt(sight.result), reverse=True)
-        return _by_time(found[:WORST_SHOWN])
+        found = sorted(self._worst.values(), key=lambda pair: pair[0], reverse=True)
+        return _by_time([sight for _, sight in found[:WORST_SHOWN]])
 
     def typical(self, records: Sequence[FrameRecord]) -> list[Sight]:
         """Give frames that went as most did.
@@ -118,12 +121,11 @@ class Watch:
         found.sort(key=lambda sight: abs(1.0 - doubt(sight.result)[1] - usual))
         return _by_time(found[:TYPICAL_SHOWN])
 
-    def _choose(self, sight: Sight) -> None:
+    def _choose(self, sight: Sight, doubted: Doubt) -> None:
         index = sight.result.index
         span = index // self._span
-        before = self._worst.get(span)
-        if before is None or doubt(sight.result) > doubt(before.result):
-            self._worst[span] = sight
+        if span not in self._worst or doubted > self._worst[span][0]:
+            self._worst[span] = doubted, sight
         registered = sight.result.alignment is not None
         tracked = sight.result.status is Status.TRACKED
         # From the middle of the span on, since its worst frame is as often its first.
@@ -131,21 +133,25 @@ class Watch:
             self._plain.setdefault(span, sight)
 
 
-def doubt(result: TrackedFrame) -> Doubt:
+def doubt(result: TrackedFrame, *, still_lost: bool = False) -> Doubt:
     """Say how little a frame is to be trusted, to be compared.
 
     Parameters
     ----------
     result : TrackedFrame
         What was made of it.
+    still_lost : bool
+        Whether the frame before was lost.
 
     Returns
     -------
     (int, float, float)
-        Its status, from tracked to lost; the share of the samples that do not fit; the scale of
-        their residuals in pixels.
+        Its status: tracked, lost as the one before, degraded, lost; the share of the samples
+        that do not fit; the scale of their residuals in pixels.
     """
     rank, found = _RANK[result.status], result.alignment
+    if still_lost and result.status is Status.LOST:
+        rank = _STILL_LOST
     if found is None or not len(found.matches):
         return rank, 0.0 if result.status is Status.TRACKED else 1.0, 0.0
     return rank, 1.0 - found.inliers / len(found.matches), found.sigma_px

@@ -1,0 +1,45 @@
+"""What is drawn of a frame lies where the picture shows it."""
+
+import cv2
+import numpy as np
+import pytest
+
+from edvo.camera import Camera
+from edvo.config import Config
+from edvo.frame import Frame
+from edvo.odometry import Odometry
+from edvo.report.run_film import caption, film_frame
+from edvo.report.sights import Sight, look_again
+
+
+@pytest.mark.parametrize("distortion", [(0.0,) * 5, (-0.3, 0.1, 0.0, 0.0, 0.0)])
+def test_edges_and_matches_lie_on_the_picture(
+    distortion: tuple[float, float, float, float, float],
+) -> None:
+    camera = Camera(
+        width=320, height=240, fx=260.0, fy=260.0, cx=159.5, cy=119.5, distortion=distortion
+    )
+    rng = np.random.default_rng(1)
+    grey = np.full((240, 320), 120, np.uint8)
+    for u, v, width, height, value in rng.integers(
+        (0, 0, 20, 20, 0), (300, 220, 80, 80, 255), (40, 5)
+    ):
+        grey[v : v + height, u : u + width] = value
+    grey = np.asarray(cv2.GaussianBlur(grey, (3, 3), 0), np.uint8)
+    frame = Frame(0.0, grey, np.full((240, 320), 2.0, np.float32))
+    odometry = Odometry(camera)
+    odometry.track(frame)
+    sight = Sight(frame, odometry.track(frame), frame)
+    seen = look_again(sight, camera, Config())
+    du, dv = (cv2.Sobel(seen.grey, cv2.CV_32F, *order) for order in ((1, 0), (0, 1)))
+    strength = np.abs(du) + np.abs(dv)
+    inside = ((seen.pixels > 3) & (seen.pixels < (316, 236))).all(axis=1)
+    columns, rows = np.rint(seen.pixels[inside]).astype(int).T
+    assert np.median(strength[rows, columns]) > 3 * strength.mean()
+    # The same frame again: samples match where they are.
+    assert len(seen.samples) > 100
+    assert np.median(np.linalg.norm(seen.samples - seen.references, axis=1)) < 0.5
+    image = cv2.imdecode(np.frombuffer(film_frame(sight, camera, Config()), np.uint8), 1)
+    assert image is not None
+    assert image.shape == (390, 2 * 520 + 8, 3)
+    assert "frame 1, 0.00 s: tracked" in caption(sight, 0.0)
