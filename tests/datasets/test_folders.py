@@ -310,3 +310,22 @@ def test_folders_that_lack_a_part_are_one_line(tmp_path):
             open_source(folder, format=format)
     with pytest.raises(DatasetError, match="no colour images"):
         open_source(folder, format="replica")
+
+
+def test_numbers_beside_a_truth_with_times_are_a_recording_without_its_lists(tmp_path):
+    of = recording()
+    folder = write_generic(tmp_path / "mine", of)
+    write_poses(folder / "groundtruth.txt", [f"{1000 + i}.5" for i in range(FRAMES)], of.poses)
+    with pytest.raises(DatasetError, match=r"give the lists rgb\.txt and depth\.txt"):
+        open_source(folder)
+
+
+def test_a_synthetic_sequence_without_its_lists_is_not_whole(tmp_path):
+    of = recording()
+    folder = write_generic(tmp_path / "mine", of)
+    (folder / "README.txt").write_text(
+        "Synthetic.\nTUM RGB-D layout; camera.yaml holds the camera and the depth scale.\n"
+    )
+    with pytest.raises(DatasetError, match="no known recording"):
+        open_source(folder)
+    assert len(open_source(folder, format="folder")) == FRAMES

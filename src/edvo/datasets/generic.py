@@ -19,6 +19,7 @@ from edvo.datasets.listed import CameraChoice, pair_source
 from edvo.datasets.names import NO_TIMES, find_folders, images_in, pair_by_name
 from edvo.datasets.source import Source
 from edvo.datasets.tum import (
+    COLOUR_LIST,
     DEPTH_LIST,
     GROUND_TRUTH,
     OTHER_COLOUR_LISTS,
@@ -29,6 +30,9 @@ from edvo.datasets.tum import (
 from edvo.errors import DatasetError
 
 COLOUR_FOLDERS = ("rgb", "color", "colour", "images", "image", "img")
+
+# In the README of `edvo.synthesis.sequence.write_sequence`, and of an earlier run of it.
+_SYNTHETIC = b"TUM RGB-D layout; camera.yaml holds the camera"
 
 
 class GenericFormat:
@@ -42,6 +46,8 @@ class GenericFormat:
         lists = _lists(path)
         if lists is not None:
             return " and ".join(lists)
+        if _is_unfinished(path):
+            return None
         folders = find_folders(path, COLOUR_FOLDERS)
         return None if folders is None else " and ".join(f"{each.name}/" for each in folders)
 
@@ -79,4 +85,19 @@ def _read(path: Path) -> Listed:
     paired = pair_by_name(images_in(folders[0]), images_in(folders[1]), path)
     warnings = paired.warnings if paired.timed else (NO_TIMES, *paired.warnings)
     # Numbered poses go with numbered frames.
-    return Listed(paired.pairs, not paired.timed, paired.alone, warnings)
+    listed = Listed(paired.pairs, not paired.timed, paired.alone, warnings)
+    truth, _ = read_truth(path / GROUND_TRUTH, listed)
+    if truth is not None and not paired.timed and truth.timestamps[0] > paired.pairs[-1].time:
+        raise DatasetError(
+            f"{path}: {GROUND_TRUTH} has times ({truth.stamps[0]} ...) but the images only have "
+            f"numbers; give the lists {COLOUR_LIST} and {DEPTH_LIST}, or remove {GROUND_TRUTH}"
+        )
+    return listed
+
+
+def _is_unfinished(path: Path) -> bool:
+    """Say whether `edvo synth` began this folder anew: its lists, which it writes last, miss."""
+    try:
+        return _SYNTHETIC in (path / "README.txt").read_bytes()
+    except OSError:
+        return False

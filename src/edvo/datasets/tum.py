@@ -375,4 +375,5 @@ def is_index(stamp: str) -> bool:
     bool
         True for whole numbers too small to be times since 1970.
     """
-    return stamp.isdecimal() and int(stamp) < _INDEX_LIMIT
+    # A number of thousands of digits is damage, and Python refuses to read it as an integer.
+    return stamp.isdecimal() and float(stamp) < _INDEX_LIMIT
