@@ -31,7 +31,8 @@ SHORTEST_PERIOD_S = 1e-3  # closer stamps are no more than a clock's jitter
 SEARCH_STRIDE = 4  # a search far afield takes one sample in so many
 LOOP_M, LOOP_RAD = 0.03, math.radians(1.5)  # that a frame found again may be off, both ways
 RECOVERY_PERIOD_S = 0.08  # then it is held against the stored keyframes no more often than that
-LONG_LOST_S = 0.3  # lost for longer, a frame may show any place that was seen before
+# Lost for longer, by time and by frames, a frame may show any place that was seen before.
+LONG_LOST_S, LONG_LOST_FRAMES = 0.3, 3
 AGREEING_SIGMA = 3.0  # times the sensor's noise, at which depth agrees half
 NOMINAL_PERIOD_S = 1 / 30  # stands in where stamps repeat, all but repeat, or go back
 
@@ -160,7 +161,7 @@ class Odometry:
         self._velocity = np.zeros(6)  # of the camera, in its own frame, 1/s
         self._last_time: float | None = None
         self._last_recovery = -math.inf
-        self._lost = False
+        self._losses = 0  # frames in a row
         self._count = 0
         self._timestamps: list[float] = []
         self._poses: list[NDArray[np.float64]] = []
@@ -285,7 +286,8 @@ class Odometry:
 
     def _is_long_lost(self, timestamp: float) -> bool:
         """Whether it has been lost for so long that it may be anywhere it was before."""
-        return self._lost and len(self._store) > 0 and self._period(timestamp) > LONG_LOST_S
+        long = self._losses >= LONG_LOST_FRAMES and self._period(timestamp) > LONG_LOST_S
+        return long and len(self._store) > 0
 
     def _find_back(self, seen: Seen) -> TrackedFrame:
         """Go on from a stored keyframe, if the frame is sure to fit one; else it is lost."""
@@ -383,9 +385,9 @@ class Odometry:
         alignment: Alignment | None,
     ) -> TrackedFrame:
         timestamp = seen.frame.timestamp
-        if self._lost:
+        if self._losses:
             logger.info("frame %d: found again", self._count)
-        self._lost = False
+        self._losses = 0
         self._last_time = timestamp
         self._timestamps.append(timestamp)
         self._poses.append(self._T_world_last)
@@ -408,9 +410,9 @@ class Odometry:
         self, timestamp: float, reason: str, edges: int, samples: int, alignment: Alignment | None
     ) -> TrackedFrame:
         """Leave the state as it was, so that the next frame tries again from the keyframe."""
-        log = logger.debug if self._lost else logger.warning
+        log = logger.debug if self._losses else logger.warning
         log("frame %d lost: %s", self._count, reason)
-        self._lost = True
+        self._losses += 1
         self._count += 1
         ahead = self._ahead(timestamp)
         return TrackedFrame(
@@ -459,7 +461,7 @@ class Odometry:
         starts = [still]
         if self.config.motion.prior == "constant-velocity":
             starts.insert(0, still @ self._ahead(timestamp))
-        if self._lost:
+        if self._losses:
             starts.append(np.eye(4))  # the camera may have come back to where the keyframe was
         return np.array(starts)
 
