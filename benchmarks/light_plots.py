@@ -19,9 +19,7 @@ from edvo.synthesis.relight_models import LIGHT_MODELS, Settings, ambient_gain
 from edvo.synthesis.relighting import Relighter
 from edvo.synthesis.surface import estimate_surface
 
-COLOURS = dict(
-    zip(SYSTEMS, ("#d1495b", "#edae49", "#00798c", "#7fc8c2", "#30638e", "#9db4d6"), strict=True)
-)
+COLOURS = dict(zip(SYSTEMS, ("#d1495b", "#edae49", "#00798c", "#30638e"), strict=True))
 WIDEST = 40.0  # px, of what is drawn as a line from sample to match
 
 
