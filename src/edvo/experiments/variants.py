@@ -66,6 +66,8 @@ VARIANTS = (
         "keyframe: after 0.1 m or 8 degrees",
         ("keyframes.max_translation_m=0.1", "keyframes.max_rotation_deg=8"),
     ),
+    Variant("search: none where in doubt", ("motion.search_deg=0",)),
+    Variant("recovery: none", ("keyframes.stored=0",)),
     Variant("start: where the camera was", ("motion.prior=still",)),
 )
 """Changes of every part, whatever the preset."""
