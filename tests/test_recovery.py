@@ -36,7 +36,7 @@ def covered_and_back(walk, back, *overrides):
         dark = Frame(t, np.full_like(frames[0].grey, 5), frames[0].depth)
         assert odometry.track(dark).status is Status.LOST
     results = []
-    for k in range(8):
+    for k in range(12):
         t += PERIOD
         frame = frames[back + k]
         result = odometry.track(Frame(t, frame.grey, frame.depth))

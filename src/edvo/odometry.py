@@ -30,7 +30,7 @@ LONGEST_PREDICTION_S = 0.2  # beyond it a constant velocity says nothing about a
 SHORTEST_PERIOD_S = 1e-3  # closer stamps are no more than a clock's jitter
 SEARCH_STRIDE = 4  # a search far afield takes one sample in so many
 LOOP_M, LOOP_RAD = 0.03, math.radians(1.5)  # that a frame found again may be off, both ways
-RECOVERY_PERIOD_S = 0.08  # then it is held against the stored keyframes no more often than that
+RECOVERY_PERIOD_S = 0.15  # then it is held against the stored keyframes no more often than that
 # Lost for longer, by time and by frames, a frame may show any place that was seen before.
 LONG_LOST_S, LONG_LOST_FRAMES = 0.3, 3
 AGREEING_SIGMA = 3.0  # times the sensor's noise, at which depth agrees half
