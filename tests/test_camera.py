@@ -360,6 +360,8 @@ def test_unknown_keys_are_named() -> None:
         (b"width: 640\n\theight: 480", "is no YAML: .*line 2"),
         (b"\xff\xfe\x00", "is no text file"),
         (b"width: \x00", "is no YAML"),
+        (b"width: " + b"9" * 5000, "is no camera: a value that cannot be read"),
+        (b"[" * 100_000, "is no camera: nested too deeply"),
         (b"", "no camera; write one"),
         (b"- 1\n- 2", "no camera; write one"),
         (b"640", "no camera; write one"),

@@ -155,6 +155,12 @@ class Camera:
             raise CameraError(
                 f"{path} is no YAML: {problem}{line}; write one 'key: value' a line"
             ) from error
+        except (ValueError, RecursionError) as error:  # PyYAML's own, of values and nesting
+            deep = isinstance(error, RecursionError)
+            problem = "nested too deeply" if deep else "a value that cannot be read"
+            raise CameraError(
+                f"{path} is no camera: {problem}; write one 'key: value' a line"
+            ) from error
         return cls.from_dict(data, where=str(path))
 
     def to_dict(self) -> dict[str, Any]:

@@ -47,11 +47,11 @@ class StructuredLightNoise:
 
     Notes
     -----
-    The defaults are the axial model of [1]_, fitted to a plane that is turned less than 60 degrees
-    away from the camera. They hold the quantisation of the disparity.
+    The defaults are the axial model of Nguyen 2012, fitted to a plane that is turned less than 60
+    degrees away from the camera. They hold the quantisation of the disparity.
 
-    .. [1] C. V. Nguyen, S. Izadi, D. Lovell, "Modeling Kinect sensor noise for improved 3D
-       reconstruction and tracking", 3DIMPVT 2012, doi:10.1109/3DIMPVT.2012.84.
+    - C. V. Nguyen, S. Izadi, D. Lovell, "Modeling Kinect sensor noise for improved 3D
+      reconstruction and tracking", 3DIMPVT 2012, doi:10.1109/3DIMPVT.2012.84.
     """
 
     floor: float = 0.0012
@@ -81,10 +81,10 @@ class StereoNoise:
     -----
     The first-order propagation of ``z = focal baseline / disparity``; the maker of the RealSense
     D400 gives it as the depth RMS error of its cameras, with a subpixel of 0.08 for a well
-    textured (or projected) pattern [1]_.
+    textured (or projected) pattern (Grunnet-Jepsen 2018).
 
-    .. [1] A. Grunnet-Jepsen, J. N. Sweetser, J. Woodfill, "Best-known-methods for tuning Intel
-       RealSense D400 depth cameras for best performance", Intel, 2018.
+    - A. Grunnet-Jepsen, J. N. Sweetser, J. Woodfill, "Best-known-methods for tuning Intel
+      RealSense D400 depth cameras for best performance", Intel, 2018.
     """
 
     focal: float
@@ -116,14 +116,15 @@ class TimeOfFlightNoise:
     -----
     ``sigma_z = c / (4 sqrt(2) pi frequency) sqrt(B) / A`` with the offset
     ``B = signal / z^2 + background`` and the amplitude ``A = contrast signal / z^2`` of the
-    demodulated light [1]_. Frequency and contrast are those published for the image sensor of the
-    Azure Kinect [2]_; the two electron counts are chosen here so that sigma is 1.0 mm at 1 m and
-    3.6 mm at 3 m, which stays below the 0.2 % of [2]_ and the 17 mm of the camera's data sheet.
+    demodulated light (Lange 2001). Frequency and contrast are those published for the image sensor
+    of the Azure Kinect (Bamji 2018); the two electron counts are chosen here so that sigma is
+    1.0 mm at 1 m and 3.6 mm at 3 m, which stays below Bamji's 0.2 % and the 17 mm of the camera's
+    data sheet.
 
-    .. [1] R. Lange, P. Seitz, "Solid-state time-of-flight range camera", IEEE Journal of Quantum
-       Electronics 37(3), 2001, doi:10.1109/3.910448.
-    .. [2] C. S. Bamji et al., "1Mpixel 65nm BSI 320MHz demodulated TOF image sensor with 3um
-       global shutter pixels and analog binning", ISSCC 2018.
+    - R. Lange, P. Seitz, "Solid-state time-of-flight range camera", IEEE Journal of Quantum
+      Electronics 37(3), 2001, doi:10.1109/3.910448.
+    - C. S. Bamji et al., "1Mpixel 65nm BSI 320MHz demodulated TOF image sensor with 3um
+      global shutter pixels and analog binning", ISSCC 2018.
     """
 
     frequency: float = 200e6

@@ -154,7 +154,7 @@ def test_an_image_that_is_damaged_is_named(edvo: Command, sequence: Path, tmp_pa
     assert "rgb/7.png is empty" in done.err
 
 
-@pytest.mark.parametrize("files", [0, 20, 73, 75])  # of 72 images, truth, camera and two lists
+@pytest.mark.parametrize("files", [1, 20, 74, 76])  # of mark, 72 images, truth, camera, lists
 def test_a_full_disk_leaves_nothing_that_looks_whole(
     edvo: Command, whole_sequence: Path, tmp_path: Path, files: int
 ) -> None:

@@ -164,7 +164,7 @@ def test_a_scene_of_no_size(edvo: Any, tmp_path: Path, camera: Path) -> None:
     assert not (tmp_path / "s").exists()
 
 
-@pytest.mark.parametrize("files", [0, 3, 7, 8, 9, 10])  # of 6 images, camera, notes and 3 lists
+@pytest.mark.parametrize("files", [1, 4, 8, 9, 10, 11])  # mark, 6 images, camera, notes, lists
 def test_a_full_disk_leaves_nothing_that_looks_whole(
     edvo: Any, tmp_path: Path, camera: Path, files: int
 ) -> None:
@@ -179,9 +179,24 @@ def test_a_full_disk_leaves_nothing_that_looks_whole(
     assert done.err.count("\n") == 1
     assert not (target / "rgb.txt").exists()
     assert not list(target.rglob(".*"))
-    assert edvo("info", target).status == 1
+    told = edvo("info", target)
+    assert told.status == 1
+    assert "is incomplete: synthetic sequence" in told.err
+    assert "edvo synth notexture_far s" in told.err
     assert edvo(*options).status == 0
     assert edvo("info", target).status == 0
+
+
+def test_a_disk_too_full_to_begin_leaves_what_was_whole(
+    edvo: Any, tmp_path: Path, camera: Path
+) -> None:
+    target = tmp_path / "s"
+    options = ("synth", "notexture_far", target, "--frames", 3, "--camera", camera, "--force")
+    assert edvo(*options).status == 0
+    with full_disk(0):
+        assert edvo(*options, "--seed", 1).status == 1
+    assert edvo("info", target).status == 0
+    assert "--seed 0" in (target / "README.txt").read_text()
 
 
 def test_the_list_comes_with_thumbnails(edvo: Any, tmp_path: Path) -> None:

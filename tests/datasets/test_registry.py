@@ -34,6 +34,15 @@ def _other(monkeypatch):
     monkeypatch.setattr(registry, "entry_points", lambda group: entries)
 
 
+@pytest.mark.parametrize("mark", [b"", b"\xff\n\n" * 9, b"a" * 5000, b"one\nmore\n"])
+def test_whatever_the_mark_of_an_unfinished_folder_holds_it_is_one_line(tmp_path, mark):
+    (tmp_path / "INCOMPLETE.txt").write_bytes(mark)
+    with pytest.raises(DatasetError, match="is incomplete") as refused:
+        open_source(tmp_path)
+    assert "\n" not in str(refused.value)
+    assert len(str(refused.value)) < 1500
+
+
 def test_a_missing_path_is_one_line(tmp_path):
     with pytest.raises(DatasetError, match="no such file or folder"):
         open_source(tmp_path / "nowhere")

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from edvo.datasets.incomplete import INCOMPLETE
 from edvo.errors import DatasetError, SceneError
 from edvo.experiments import sequences as module
 from edvo.experiments.bench import Bench
@@ -136,11 +137,15 @@ def test_rendered_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (next((tmp_path / "sequences").iterdir()) / "rgb.txt").unlink()
     assert len(tiny_bench(tmp_path, frames=3).sequence(name).frames) == 3
     assert len(written) == 2
+    # With the mark of an unfinished folder neither.
+    (next((tmp_path / "sequences").iterdir()) / INCOMPLETE).write_text("interrupted")
+    assert len(tiny_bench(tmp_path, frames=3).sequence(name).frames) == 3
+    assert len(written) == 3
     forced = tiny_bench(tmp_path, frames=3, render_again=True)
     assert forced.sequence(name).frames
     forced.release()
     assert forced.sequence(name).frames
-    assert len(written) == 3
+    assert len(written) == 4
 
 
 def test_truth_belongs_to_the_frames(bench: Bench) -> None:

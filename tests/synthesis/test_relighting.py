@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from edvo.camera import Camera
 from edvo.datasets import open_source
+from edvo.datasets.incomplete import INCOMPLETE
 from edvo.errors import DatasetError, FrameError, OutputError, SceneError
 from edvo.frame import Frame
 from edvo.synthesis import photometry, relight_folder
@@ -310,12 +311,14 @@ def test_diffuse_light_needs_depth_that_fits() -> None:
 # --- folders --------------------------------------------------------------------------------
 
 
-def sequence(folder: Path, *, depth: bool = True, kind: str = "png", frames: int = 4) -> Path:
+def sequence(
+    folder: Path, *, depth: bool = True, kind: str = "png", frames: int = 4, clock: int = 100
+) -> Path:
     (folder / "rgb").mkdir(parents=True)
     (folder / "depth").mkdir()
     rgb, deep = ["# colour images"], ["# depth images"]
     for i in range(frames):
-        stamp, later = f"{100 + i / 30:.6f}", f"{100.012 + i / 30:.6f}"
+        stamp, later = f"{clock + i / 30:.6f}", f"{clock + 0.012 + i / 30:.6f}"
         cv2.imwrite(str(folder / f"rgb/{stamp}.{kind}"), picture(i))
         values = np.rint(room() * 5000).astype(np.uint16)
         cv2.imwrite(str(folder / f"depth/{later}.png"), values)
@@ -324,7 +327,7 @@ def sequence(folder: Path, *, depth: bool = True, kind: str = "png", frames: int
     (folder / "rgb.txt").write_text("\n".join(rgb) + "\n")
     if depth:
         (folder / "depth.txt").write_text("\n".join(deep) + "\n")
-    (folder / "groundtruth.txt").write_text("100 0 0 0 0 0 0 1\n100.2 0 0 0 0 0 0 1\n")
+    (folder / "groundtruth.txt").write_text(f"{clock} 0 0 0 0 0 0 1\n{clock}.2 0 0 0 0 0 0 1\n")
     SMALL.to_yaml(folder / "camera.yaml")
     return folder
 
@@ -423,6 +426,44 @@ def test_the_lists_come_last_so_that_half_a_sequence_does_not_look_whole(
         relight_folder.relight_folder(source, target, "ambient", force=True)
     assert not (target / "rgb.txt").exists()
     assert not (target / "depth.txt").exists()
+
+
+@pytest.mark.parametrize("truth", [True, False])
+def test_an_interrupted_folder_is_refused_until_it_is_written_again(
+    tmp_path: Path, truth: bool
+) -> None:
+    source, target = sequence(tmp_path / "a", clock=1_300_000_000), tmp_path / "b"
+    if not truth:
+        (source / "groundtruth.txt").unlink()
+
+    def interrupt(done: int, total: int) -> None:
+        if done == total:  # every image is there
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        relight_folder.relight_folder(
+            source, target, "gamma", severity=0.5, jumps=[0.1], progress=interrupt
+        )
+    for format in (None, "folder", "tum"):
+        with pytest.raises(DatasetError) as refused:
+            open_source(target, format=format)
+        message = str(refused.value)
+        assert message.startswith(f"{target} is incomplete")
+        assert f"edvo relight {source} {target} --model gamma --severity 0.5" in message
+        assert "--jump 0.1 --force" in message
+        assert "\n" not in message
+    with pytest.raises(DatasetError, match="b is incomplete"):
+        relight_folder.relight_folder(target, tmp_path / "c", "gamma")
+    # It is the mark alone that keeps this folder from being read.
+    (target / INCOMPLETE).rename(tmp_path / "aside")
+    assert len(open_source(target)) == 4
+    (tmp_path / "aside").rename(target / INCOMPLETE)
+
+    with pytest.raises(OutputError, match="not empty"):
+        relight_folder.relight_folder(source, target, "gamma")
+    relight_folder.relight_folder(source, target, "gamma", force=True)
+    assert contents(target).keys() == contents(source).keys()
+    assert len(open_source(target)) == 4
 
 
 def test_a_damaged_image_is_named_and_passed_on(tmp_path: Path) -> None:

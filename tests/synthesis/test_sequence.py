@@ -11,8 +11,9 @@ import pytest
 from edvo import se3
 from edvo.camera import Camera
 from edvo.datasets import open_source
+from edvo.datasets.incomplete import INCOMPLETE
 from edvo.datasets.readahead import read_ahead
-from edvo.errors import OutputError, SceneError
+from edvo.errors import DatasetError, OutputError, SceneError
 from edvo.evaluation.rpe import relative_pose_error
 from edvo.synthesis.clock import Clock
 from edvo.synthesis.image_sensor import AutoExposure
@@ -169,6 +170,26 @@ def test_half_a_sequence_does_not_look_whole(tmp_path: Path) -> None:
         write_sequence(source, tmp_path / "s", force=True, progress=interrupt)
     # Not even the lists of the sequence that was there before.
     assert not {"rgb.txt", "depth.txt", "groundtruth.txt"} & content(tmp_path / "s").keys()
+
+
+def test_an_interrupted_folder_is_refused_until_it_is_written_again(tmp_path: Path) -> None:
+    source, folder = SyntheticSource(recipe()), tmp_path / "s"
+
+    def interrupt(done: int, total: int) -> None:
+        if done == total:  # every image is there
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_sequence(source, folder, command="edvo synth panels s", progress=interrupt)
+    with pytest.raises(DatasetError) as refused:
+        open_source(folder)
+    message = str(refused.value)
+    assert message.startswith(f"{folder} is incomplete: synthetic sequence")
+    assert "edvo synth panels s --force" in message
+    assert "\n" not in message
+    write_sequence(source, folder, force=True)
+    assert len(open_source(folder)) == 5
+    assert INCOMPLETE not in content(folder)
 
 
 def test_a_full_disk_leaves_no_lists(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

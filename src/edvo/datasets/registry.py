@@ -15,6 +15,7 @@ from edvo.datasets.bonn import BonnFormat
 from edvo.datasets.eth3d import Eth3dFormat
 from edvo.datasets.generic import GenericFormat
 from edvo.datasets.icl import IclFormat
+from edvo.datasets.incomplete import refuse_incomplete
 from edvo.datasets.redwood import RedwoodFormat
 from edvo.datasets.replica import ReplicaFormat
 from edvo.datasets.ros import RosFormat
@@ -133,7 +134,8 @@ def open_source(
     Raises
     ------
     DatasetError
-        If there is nothing there, no format knows it, or it lacks a part.
+        If there is nothing there, it was not written to its end, no format knows it, or it lacks
+        a part.
     CameraError
         If the camera file is missing or wrong.
 
@@ -147,6 +149,7 @@ def open_source(
     place = Path(os.path.abspath(path))  # noqa: PTH100
     if not place.exists():
         raise DatasetError(f"{path}: no such file or folder; check the path")
+    refuse_incomplete(place)
     if format is not None:
         for candidate in formats():
             if candidate.name == format:

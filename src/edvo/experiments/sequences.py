@@ -11,6 +11,7 @@ from pathlib import Path
 
 from edvo.camera import Camera
 from edvo.datasets import Source, open_source, read_ahead
+from edvo.datasets.incomplete import is_incomplete
 from edvo.datasets.registry import recognise
 from edvo.errors import DatasetError
 from edvo.frame import Frame
@@ -263,7 +264,8 @@ def stand_in(
 
     def make() -> Loaded:
         nonlocal rendered
-        if not rendered and (again or not (folder / "rgb.txt").exists()):
+        whole = (folder / "rgb.txt").exists() and not is_incomplete(folder)
+        if not rendered and (again or not whole):
             source = SyntheticSource(recipe)
             write_sequence(source, folder, force=True, workers=_WORKERS, progress=report)
         rendered = True

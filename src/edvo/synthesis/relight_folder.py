@@ -1,7 +1,8 @@
 """A sequence on disk under another light: new colour images, everything else as it was."""
 
 import os
-from collections.abc import Callable, Sequence
+import shlex
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from edvo.camera import Camera
 from edvo.datasets import tum
 from edvo.datasets.images import load_image
+from edvo.datasets.incomplete import being_written, refuse_incomplete
 from edvo.datasets.known_cameras import choose_camera
 from edvo.errors import DatasetError, FrameError, OutputError, SceneError
 from edvo.files import output_folder, write_atomically
@@ -71,8 +73,8 @@ def relight_folder(
     """Write a TUM folder once more under another light.
 
     Depth images, lists, ground truth and camera are copied byte by byte. Colour images keep
-    their names and their kind: PNG is lossless, JPEG is written at quality 97. The lists come
-    last, so that a folder that was not finished cannot be taken for a sequence.
+    their names and their kind: PNG is lossless, JPEG is written at quality 97. Until all of it is
+    there, ``INCOMPLETE.txt`` keeps every reader from taking the folder for a sequence.
 
     Parameters
     ----------
@@ -100,7 +102,8 @@ def relight_folder(
         If there is no such model, a number is out of range, or the model needs depth that the
         source does not have.
     DatasetError
-        If the source is no TUM folder or none of its colour images can be read.
+        If the source is no TUM folder or was not written to its end, or none of its colour images
+        can be read.
     CameraError
         If the model needs a camera and nothing tells it.
     OutputError
@@ -108,6 +111,7 @@ def relight_folder(
     """
     relighter = Relighter(model, severity=severity, frequency=frequency, seed=seed, jumps=jumps)
     source = Path(source)
+    refuse_incomplete(source)
     colours, depth_files = _read_lists(source)
     device = None
     if relighter.needs_depth:
@@ -120,6 +124,23 @@ def relight_folder(
     if Path(target).resolve() == source.resolve():
         raise OutputError(f"{target} is the source itself; choose another folder")
     target = output_folder(target, must_be_empty=True, force=force)
+    options = {"model": model, "severity": severity, "frequency": frequency, "seed": seed}
+    redo = _command(source, target, options, jumps, camera)
+    with being_written(target, f"{source} under light model {model!r}", redo):
+        problems = _write(relighter, source, target, colours, depth_files, device, progress)
+    return RelitFolder(target, len(colours) - len(problems), tuple(problems))
+
+
+def _write(
+    relighter: Relighter,
+    source: Path,
+    target: Path,
+    colours: list[_Colour],
+    depth_files: list[str],
+    device: Camera | None,
+    progress: Callable[[int, int], None] | None,
+) -> list[str]:
+    """Write all files; say which colour images could not be relit."""
     try:
         for name in _LISTS:
             (target / name).unlink(missing_ok=True)
@@ -146,7 +167,26 @@ def relight_folder(
         raise DatasetError(f"{source}: no colour image can be relit; first: {problems[0]}")
     for name in _LISTS:
         _copy(source, target, name)
-    return RelitFolder(target, len(colours) - len(problems), tuple(problems))
+    return problems
+
+
+def _command(
+    source: Path,
+    target: Path,
+    options: Mapping[str, object],
+    jumps: Sequence[float] | None,
+    camera: Camera | str | os.PathLike[str] | None,
+) -> str:
+    """Say how the same is done in a terminal, wherever that is."""
+    words = ["edvo", "relight", str(source.absolute()), str(target.absolute())]
+    for name, value in options.items():
+        if value is not None:
+            words += [f"--{name}", str(value)]
+    for instant in jumps or ():
+        words += ["--jump", str(instant)]
+    if isinstance(camera, str | os.PathLike):
+        words += ["--camera", os.fspath(camera)]
+    return shlex.join([*words, "--force"])
 
 
 def _relight_file(

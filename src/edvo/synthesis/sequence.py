@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edvo.camera import Camera
+from edvo.datasets.incomplete import being_written
 from edvo.datasets.source import Reading, describe_timing
 from edvo.errors import FrameError, OutputError, SceneError
 from edvo.files import output_folder, write_atomically
@@ -375,8 +376,8 @@ def write_sequence(
         What to write.
     folder : path-like
         Gets ``rgb/``, ``depth/``, ``camera.yaml``, ``README.txt`` and, when all images are there,
-        ``groundtruth.txt``, ``depth.txt`` and ``rgb.txt``: without its lists no reader takes a
-        half-written sequence for a whole one.
+        ``groundtruth.txt``, ``depth.txt`` and ``rgb.txt``. Until then ``INCOMPLETE.txt`` keeps
+        every reader from taking it for a whole one.
     command : str
         What the README says it was made with.
     force : bool
@@ -397,6 +398,20 @@ def write_sequence(
         If the folder is not empty (without ``force``) or cannot be written.
     """
     target = output_folder(folder, must_be_empty=True, force=force)
+    what = f"synthetic sequence {source.recipe.scene.name!r}"
+    redo = f"{command} --force" if command else "write_sequence(..., force=True)"
+    with being_written(target, what, redo):
+        _write(source, target, command, workers, progress)
+    return target
+
+
+def _write(
+    source: SyntheticSource,
+    target: Path,
+    command: str,
+    workers: int | None,
+    progress: Callable[[int, int], None] | None,
+) -> None:
     recipe = source.recipe
     try:
         for name in _LISTS:
@@ -427,7 +442,6 @@ def write_sequence(
     source.ground_truth.write(target / "groundtruth.txt")
     write_atomically(target / "depth.txt", _list("depth", recipe.depth_times))
     write_atomically(target / "rgb.txt", _list("rgb", recipe.colour_times))
-    return target
 
 
 def _stamp(t: float) -> str:
