@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -225,8 +226,9 @@ class World:
             ) from error
         path = Path(self.scene.folder) / mesh.file
         try:
-            loaded = trimesh.load(path, force="mesh")
-            vertices, faces = np.array(loaded.vertices, float), np.array(loaded.faces, np.int64)
+            loaded: Any = trimesh.load(path, force="mesh")
+            vertices = np.array(loaded.vertices, np.float64)
+            faces = np.array(loaded.faces, np.int64)
         except Exception as error:  # trimesh raises what its many readers raise
             reason = " ".join(str(error).split()) or type(error).__name__
             raise SceneError(f"cannot read mesh {path}: {reason}") from error
