@@ -6,8 +6,10 @@ import pytest
 from edvo import kernels, se3
 from edvo.camera import Camera
 from edvo.config import Config, PlanesConfig
+from edvo.edges import NO_TABLE
 from edvo.odometry import Odometry, Status
 from edvo.planes import PlaneFitter, PlaneMap, PlanePoints
+from edvo.registration import Registration
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
 
 CAMERA = Camera(width=320, height=240, fx=260.0, fy=255.0, cx=158.3, cy=121.9)
@@ -83,6 +85,91 @@ def test_a_frame_without_depth_has_no_points():
     fitter = PlaneFitter(CAMERA, PlanesConfig())
     assert len(fitter.points(np.zeros((240, 320), np.float32)).sigma) == 0
     assert not fitter.planes(np.zeros((240, 320), np.float32)).offsets.any()
+
+
+def depth_with_holes_and_steps(rng):
+    """Slanted patches of several depths, rough here and there, with holes."""
+    v, u = np.mgrid[:240, :320]
+    depth = np.zeros((240, 320))
+    for patch in range(12):
+        top, left = rng.integers(0, 200), rng.integers(0, 260)
+        w = rng.uniform(0.3, 1.2) + rng.normal(0, 4e-4) * u + rng.normal(0, 4e-4) * v
+        noise = 1 + 10 ** rng.uniform(-4, -1.5) * rng.standard_normal(w.shape)
+        inside = (v >= top) & (v < top + 130) & (u >= left) & (u < left + 150)
+        if patch == 0:
+            inside[:] = True
+        depth = np.where(inside, noise / np.maximum(w, 0.1), depth)
+    return np.where(rng.random(depth.shape) < rng.choice([0.02, 0.2]), 0, depth).astype(np.float32)
+
+
+def planes_by_numpy(depth, nodes, sigma, table, camera, config):
+    """What fit_planes computes: normals, offsets and centres, and how sure the choices are."""
+    height, width = depth.shape
+    normals, offsets = np.zeros((len(nodes), 3)), np.zeros(len(nodes))
+    centres, sure = np.zeros((len(nodes), 3)), np.ones(len(nodes), bool)
+    reach = np.arange(-config.reach_px, config.reach_px + 1, config.stride_px)
+    for k, (u0, v0) in enumerate(nodes):
+        if not (0 <= u0 < width and 0 <= v0 < height) or depth[v0, u0] == 0:
+            continue
+        v, u = (part.ravel() for part in np.meshgrid(v0 + reach, u0 + reach, indexing="ij"))
+        inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
+        u, v = u[inside], v[inside]
+        u, v = u[depth[v, u] > 0], v[depth[v, u] > 0]
+        if len(u) < 0.75 * len(reach) ** 2:
+            continue
+        pixel = np.column_stack([u, v]).astype(float)
+        node = np.array([u0, v0], float)
+        if table is not None:
+            pixel, node = table[v, u].astype(float), table[v0, u0].astype(float)
+        A = np.column_stack([pixel - node, np.ones(len(u))])
+        inverse = 1 / depth[v, u].astype(float)
+        (a, b, w), *_ = np.linalg.lstsq(A, inverse, rcond=None)
+        off = np.sqrt(np.mean((inverse - A @ [a, b, w]) ** 2))
+        bound = config.flatness * sigma[k] / float(depth[v0, u0]) ** 2
+        sure[k] = abs(off / bound - 1) > 1e-4
+        if off > bound or w <= 0:
+            continue
+        # 1 / z is N . X / z, and X / z the ray of a pixel: N by three rays
+        rays = node + np.array([[0, 0], [1, 0], [0, 1]]) - [camera.cx, camera.cy]
+        rays = np.column_stack([rays / [camera.fx, camera.fy], np.ones(3)])
+        N = np.linalg.solve(rays, [w, w + a, w + b])
+        normals[k], offsets[k] = N / np.linalg.norm(N), 1 / np.linalg.norm(N)
+        centres[k] = rays[0] / w
+    return normals, offsets, centres, sure
+
+
+@pytest.mark.parametrize("camera", [CAMERA, BENT], ids=["ideal", "distorted"])
+@pytest.mark.parametrize("seed", range(3))
+def test_fitting_equals_its_numpy_twin(camera, seed):
+    rng = np.random.default_rng(seed)
+    depth = depth_with_holes_and_steps(rng)
+    config = PlanesConfig()
+    table = camera.undistortion_table() if camera.is_distorted else None
+    nodes = rng.integers([-3, -3], [323, 243], (600, 2)).astype(np.int32)  # some are outside
+    sigma = rng.uniform(2e-3, 2e-2, len(nodes))
+    pinhole = kernels.Pinhole(camera.fx, camera.fy, camera.cx, camera.cy, 320, 240)
+    normals, offsets, centres = np.zeros((600, 3)), np.zeros(600), np.zeros((600, 3))
+    kernels.fit_planes(
+        depth,
+        nodes,
+        sigma,
+        NO_TABLE if table is None else table,
+        pinhole,
+        config.reach_px,
+        config.stride_px,
+        config.flatness,
+        normals,
+        offsets,
+        centres,
+    )
+    wanted = planes_by_numpy(depth, nodes, sigma, table, camera, config)
+    sure = wanted[3]
+    assert sure.mean() > 0.99
+    assert ((offsets > 0) == (wanted[1] > 0))[sure].all()
+    found = sure & (offsets > 0)
+    assert 30 < found.sum() < 570
+    for mine, numpy in zip((normals, offsets, centres), wanted, strict=False):
+        np.testing.assert_allclose(mine[found], numpy[found], rtol=1e-7, atol=1e-9)
 
 
 def random_scene(rng):
@@ -213,3 +300,77 @@ def test_the_more_its_residuals_exceed_the_noise_the_less_depth_counts(panels):
         odometry = Odometry(source.camera, Config())
         balance.append([odometry.track(frame) for frame in bent][-1].alignment.depth_balance)
     assert balance[0] > 1.3 * balance[1] > 1.3**2 * balance[2]
+
+
+def tukey(r, tuning):
+    return (tuning**2 / 6 * (1 - np.maximum(0, 1 - (r / tuning) ** 2) ** 3)).sum()
+
+
+def test_a_registration_ends_where_the_gradient_of_the_two_terms_vanishes(panels):
+    source, frames = panels
+    config = Config().with_overrides(
+        ["registration.stop_px=1e-6", "registration.stop_decrease=0", "planes.weight=1"]
+        + ["registration.max_iterations=200", "registration.max_rejections=20"]
+    )
+    given = []
+    align = Registration.align
+
+    def keep(self, *arguments):
+        given.append((self, arguments, align(self, *arguments)))
+        return given[-1][2]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Registration, "align", keep)
+        odometry = Odometry(source.camera, config)
+        for frame in frames:
+            odometry.track(frame)
+    rest = []
+    for registration, (reference, samples, _, planes, points, term), found in given:
+        # Others end between two sets of matches, where every step that is not tiny is rejected.
+        if found.steps()[-1].damping > 0.1:
+            continue
+        solver, camera, T = registration._solver, registration._pinhole, found.T_ref_cur
+        n, m = len(samples), len(points.sigma)
+        matches, residuals = kernels.new_matches(n), np.empty(n)
+        kernels.warp_and_match(
+            reference.grid,
+            samples.points(source.camera),
+            samples.gradients,
+            kernels.ALL,
+            camera,
+            T,
+            registration._normal,
+            solver.residual,
+            matches,
+            residuals,
+        )
+        near = kernels.new_plane_matches(m)
+        near_count = kernels.match_planes(planes, points, camera, T, term, near)
+        matched = matches.edge >= 0
+        Y, normal = matches.Y[matched], matches.normal[matched]
+        edges = reference.grid.points[matches.edge[matched], :2]
+        near_Y, across = near.Y[:near_count], near.normal[:near_count]
+        offsets = np.einsum("ij,ij->i", across, near_Y) - near.residuals[:near_count]
+
+        def costs(delta):
+            """Mean losses of edges and of planes, for one and the same matches and scales."""
+            move = se3.exp(delta)
+            y = Y @ move[:3, :3].T + move[:3, 3]
+            pixels = y[:, :2] / y[:, 2:] * [camera.fx, camera.fy] + [camera.cx, camera.cy]
+            r = np.einsum("ij,ij->i", normal, pixels - edges) / found.sigma_px
+            by_edges = tukey(r, solver.tuning) / n
+            y = near_Y @ move[:3, :3].T + move[:3, 3]
+            r = (np.einsum("ij,ij->i", across, y) - offsets) / found.sigma_depth
+            return np.array([by_edges, found.depth_balance / n * tukey(r, kernels.TUKEY_TUNING)])
+
+        h = 1e-6
+        slopes = np.array([costs(h * e) - costs(-h * e) for e in np.eye(6)]) / (2 * h)
+        # a length that does not depend on the units of the directions
+        measure = np.linalg.inv(found.H)
+        by_edges, by_planes = (np.sqrt(g @ measure @ g) for g in slopes.T)
+        both = slopes.sum(axis=1)
+        assert solver.weight == kernels.TUKEY
+        assert found.depth_balance > 0
+        rest.append(np.sqrt(both @ measure @ both) / min(by_edges, by_planes))
+    assert rest
+    assert max(rest) < 1e-3
