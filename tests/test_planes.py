@@ -306,11 +306,63 @@ def tukey(r, tuning):
     return (tuning**2 / 6 * (1 - np.maximum(0, 1 - (r / tuning) ** 2) ** 3)).sum()
 
 
+def imbalance(registration, source, reference, samples, planes, points, term, found):
+    """Gradient of both terms together where a registration ended, over that of the smaller one."""
+    solver, camera, T = registration._solver, registration._pinhole, found.T_ref_cur
+    n, m = len(samples), len(points.sigma)
+    matches, residuals = kernels.new_matches(n), np.empty(n)
+    kernels.warp_and_match(
+        reference.grid,
+        samples.points(source.camera),
+        samples.gradients,
+        kernels.ALL,
+        camera,
+        T,
+        registration._normal,
+        solver.residual,
+        matches,
+        residuals,
+    )
+    near = kernels.new_plane_matches(m)
+    near_count = kernels.match_planes(planes, points, camera, T, term, near)
+    matched = matches.edge >= 0
+    Y, normal = matches.Y[matched], matches.normal[matched]
+    edges = reference.grid.points[matches.edge[matched], :2]
+    near_Y, across = near.Y[:near_count], near.normal[:near_count]
+    offsets = np.einsum("ij,ij->i", across, near_Y) - near.residuals[:near_count]
+
+    def costs(delta):
+        """Mean losses of edges and of planes, for one and the same matches and scales."""
+        move = se3.exp(delta)
+        y = Y @ move[:3, :3].T + move[:3, 3]
+        pixels = y[:, :2] / y[:, 2:] * [camera.fx, camera.fy] + [camera.cx, camera.cy]
+        r = np.einsum("ij,ij->i", normal, pixels - edges) / found.sigma_px
+        by_edges = tukey(r, solver.tuning) / n
+        y = near_Y @ move[:3, :3].T + move[:3, 3]
+        r = (np.einsum("ij,ij->i", across, y) - offsets) / found.sigma_depth
+        return np.array([by_edges, found.depth_balance / n * tukey(r, kernels.TUKEY_TUNING)])
+
+    h = 1e-6
+    slopes = np.array([costs(h * e) - costs(-h * e) for e in np.eye(6)]) / (2 * h)
+    # a length that does not depend on the units of the directions
+    measure = np.linalg.inv(found.H)
+    by_edges, by_planes = (np.sqrt(g @ measure @ g) for g in slopes.T)
+    both = slopes.sum(axis=1)
+    assert solver.weight == kernels.TUKEY
+    assert found.depth_balance > 0
+    return np.sqrt(both @ measure @ both) / min(by_edges, by_planes)
+
+
 def test_a_registration_ends_where_the_gradient_of_the_two_terms_vanishes(panels):
     source, frames = panels
     config = Config().with_overrides(
-        ["registration.stop_px=1e-6", "registration.stop_decrease=0", "planes.weight=1"]
-        + ["registration.max_iterations=200", "registration.max_rejections=20"]
+        [
+            "registration.stop_px=1e-6",
+            "registration.stop_decrease=0",
+            "registration.max_iterations=200",
+            "registration.max_rejections=20",
+            "planes.weight=1",
+        ]
     )
     given = []
     align = Registration.align
@@ -329,48 +381,8 @@ def test_a_registration_ends_where_the_gradient_of_the_two_terms_vanishes(panels
         # Others end between two sets of matches, where every step that is not tiny is rejected.
         if found.steps()[-1].damping > 0.1:
             continue
-        solver, camera, T = registration._solver, registration._pinhole, found.T_ref_cur
-        n, m = len(samples), len(points.sigma)
-        matches, residuals = kernels.new_matches(n), np.empty(n)
-        kernels.warp_and_match(
-            reference.grid,
-            samples.points(source.camera),
-            samples.gradients,
-            kernels.ALL,
-            camera,
-            T,
-            registration._normal,
-            solver.residual,
-            matches,
-            residuals,
+        rest.append(
+            imbalance(registration, source, reference, samples, planes, points, term, found)
         )
-        near = kernels.new_plane_matches(m)
-        near_count = kernels.match_planes(planes, points, camera, T, term, near)
-        matched = matches.edge >= 0
-        Y, normal = matches.Y[matched], matches.normal[matched]
-        edges = reference.grid.points[matches.edge[matched], :2]
-        near_Y, across = near.Y[:near_count], near.normal[:near_count]
-        offsets = np.einsum("ij,ij->i", across, near_Y) - near.residuals[:near_count]
-
-        def costs(delta):
-            """Mean losses of edges and of planes, for one and the same matches and scales."""
-            move = se3.exp(delta)
-            y = Y @ move[:3, :3].T + move[:3, 3]
-            pixels = y[:, :2] / y[:, 2:] * [camera.fx, camera.fy] + [camera.cx, camera.cy]
-            r = np.einsum("ij,ij->i", normal, pixels - edges) / found.sigma_px
-            by_edges = tukey(r, solver.tuning) / n
-            y = near_Y @ move[:3, :3].T + move[:3, 3]
-            r = (np.einsum("ij,ij->i", across, y) - offsets) / found.sigma_depth
-            return np.array([by_edges, found.depth_balance / n * tukey(r, kernels.TUKEY_TUNING)])
-
-        h = 1e-6
-        slopes = np.array([costs(h * e) - costs(-h * e) for e in np.eye(6)]) / (2 * h)
-        # a length that does not depend on the units of the directions
-        measure = np.linalg.inv(found.H)
-        by_edges, by_planes = (np.sqrt(g @ measure @ g) for g in slopes.T)
-        both = slopes.sum(axis=1)
-        assert solver.weight == kernels.TUKEY
-        assert found.depth_balance > 0
-        rest.append(np.sqrt(both @ measure @ both) / min(by_edges, by_planes))
     assert rest
     assert max(rest) < 1e-3
