@@ -11,11 +11,12 @@ from matplotlib.figure import Figure
 
 from benchmarks.frames import Recording, busiest
 from benchmarks.peers import EdgeDetector
-from benchmarks.replay import Caught, catch, seconds, spread
+from benchmarks.replay import Caught, catch, spread
 from benchmarks.section import Section, Settings, ms, table
 from benchmarks.speed import Call, interleave
 from edvo.config import Config
 from edvo.edges import EdgePixels
+from edvo.experiments.stage_times import seconds
 from edvo.frame import Frame
 from edvo.matching import Criterion, EdgeIndex
 from edvo.odometry import Odometry

@@ -13,7 +13,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from statistics import median
 from types import FunctionType
 from typing import Any
@@ -24,9 +23,8 @@ from numpy.typing import NDArray
 
 from edvo import kernels
 from edvo.errors import EvaluationError
-from edvo.experiments.registrations import Pair
 from edvo.matching import Criterion, EdgeIndex
-from edvo.registration import Registration
+from edvo.registration import Alignment
 
 _WARP, _START = "warp_and_match", "best_start"  # the parts of kernels.align that match
 _SHORTEST_S = 1e-3  # of what is timed at a stretch
@@ -103,15 +101,13 @@ def seconds(call: Callable[[], object], repeats: int) -> float:
     return median(taken)
 
 
-def take_apart(registration: Registration, pair: Pair, repeats: int) -> Parts:
+def take_apart(align: Callable[[], Alignment], repeats: int) -> Parts:
     """Time a registration, and what of it is matching.
 
     Parameters
     ----------
-    registration : Registration
-        How it is done.
-    pair : Pair
-        What is registered.
+    align : callable
+        Does it, by `Registration.align`.
     repeats : int
         How often each part is timed; the median counts.
 
@@ -124,7 +120,6 @@ def take_apart(registration: Registration, pair: Pair, repeats: int) -> Parts:
     EvaluationError
         If it goes another way when it is played again.
     """
-    align = partial(registration.align, pair.reference, pair.samples, pair.starts)
     whole = seconds(align, repeats)
     queries: list[Query] = []
     spent: list[float] = []

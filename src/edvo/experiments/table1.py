@@ -163,7 +163,10 @@ def measure(sequence: Sequence, samples: int, count: int) -> Column:
         raise EvaluationError(f"{sequence.name}: no three frames in a row are tracked; use more")
     align = registration(sequence, config)
     repeats = 7 if samples else 5
-    parts = [take_apart(align, pair, repeats) for pair in chosen]
+    parts = [
+        take_apart(partial(align.align, pair.reference, pair.samples, pair.starts), repeats)
+        for pair in chosen
+    ]
     edges = [pair.reference.edges for pair in chosen]
     trees = [EdgeIndex(each, "tree") for each in edges]
     searches = np.array(
