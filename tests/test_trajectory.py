@@ -182,3 +182,11 @@ def test_nearest_is_nearest(times, queries):
     found = nearest_indices(axis, wanted)
     best = np.abs(axis[None] - wanted[:, None]).min(axis=1)
     np.testing.assert_array_equal(np.abs(axis[found] - wanted), best)
+
+
+def test_of_equal_stamps_of_a_tracker_the_first_is_kept():
+    poses = [se3.exp(np.array([float(i), 0, 0, 0, 0, 0])) for i in range(4)]
+    found = Trajectory.from_frames([0.2, 0.1, 0.2, 0.1], poses, ["b", "a", "b again", "a again"])
+    assert found.stamps == ("a", "b")
+    assert found.poses[:, 0, 3].tolist() == [1.0, 0.0]
+    assert len(Trajectory.from_frames([], [])) == 0

@@ -126,6 +126,38 @@ class Trajectory:
         return cls(times, matrices, tuple(texts))
 
     @classmethod
+    def from_frames(
+        cls,
+        timestamps: ArrayLike,
+        poses: Sequence[NDArray[np.float64]],
+        stamps: Sequence[str] | None = None,
+    ) -> "Trajectory":
+        """Make a trajectory of what a tracker gave, frame by frame.
+
+        Parameters
+        ----------
+        timestamps : array-like, shape (N,)
+            Seconds; a recording may repeat a stamp or go back.
+        poses : sequence of ndarray, N of shape (4, 4)
+            ``T_world_cam``, in the same order.
+        stamps : sequence of str, optional
+            As of `from_poses`.
+
+        Returns
+        -------
+        Trajectory
+            Sorted by time; of frames with the same time it holds the first.
+
+        Raises
+        ------
+        TrajectoryError
+            As the class does.
+        """
+        times, first = np.unique(np.asarray(timestamps, dtype=np.float64), return_index=True)
+        texts = None if stamps is None else [stamps[i] for i in first]
+        return cls.from_poses(times, [poses[i] for i in first], texts)
+
+    @classmethod
     def read(cls, path: str | os.PathLike[str]) -> "Trajectory":
         """Read a TUM trajectory file.
 

@@ -1,5 +1,6 @@
 """A tracker made of any aligner: what it asks, believes, tries again, and keeps rigid."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -99,3 +100,12 @@ def test_motions_stay_rigid_though_each_is_the_next_ones_guess() -> None:
     np.testing.assert_allclose(
         rotations @ rotations.transpose(0, 2, 1), np.broadcast_to(np.eye(3), (60, 3, 3)), atol=1e-9
     )
+
+
+def test_a_recording_may_repeat_stamps_and_go_back() -> None:
+    tracker = PairwiseOdometry(CAMERA, Oracle(), keyframes=KeyframeRule(1.0, 90.0))
+    for index, time in enumerate((0.1, 0.2, 0.2, 0.0)):
+        tracker.track(replace(frame(index), timestamp=time))
+    found = tracker.trajectory
+    assert found.timestamps.tolist() == [0.0, 0.1, 0.2]
+    np.testing.assert_allclose(found.poses[2], motion(1))

@@ -124,8 +124,11 @@ class PairwiseOdometry:
 
     @property
     def trajectory(self) -> Trajectory:
-        """Poses of the frames tracked so far, without those that were lost."""
-        return Trajectory.from_poses(self._timestamps, self._poses)
+        """Poses of the frames tracked so far, by time, without those that were lost.
+
+        Of frames with the same stamp it holds the first.
+        """
+        return Trajectory.from_frames(self._timestamps, self._poses)
 
     def track(self, frame: Frame) -> TrackedFrame:
         """Give the pose of the next frame.

@@ -39,8 +39,8 @@ class ZeroMotion:
 
     @property
     def trajectory(self) -> Trajectory:
-        """The same pose for each frame that was tracked."""
-        return Trajectory.from_poses(self._timestamps, [self._T_world_cam] * len(self._timestamps))
+        """The same pose for each frame that was tracked, of equal stamps once."""
+        return Trajectory.from_frames(self._timestamps, [self._T_world_cam] * len(self._timestamps))
 
     def track(self, frame: Frame) -> TrackedFrame:
         """Give the pose of the next frame, which is that of the first.
