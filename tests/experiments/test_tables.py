@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 
 from edvo.errors import EvaluationError, MissingExtraError
@@ -135,15 +137,26 @@ def test_what_is_not_installed_is_said(bench: Bench, monkeypatch: pytest.MonkeyP
     assert found == (("zero-motion",), ("orb-pnp is left out: pip install edvo[orb]",))
 
 
-def test_a_tracker_that_raises_has_failed(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [
+        (EvaluationError("no more of this"), "no more of this"),
+        (RuntimeError("singular\nat line 3"), "RuntimeError: singular"),
+        (cv2.error("bad size"), "error: bad size"),
+        (np.linalg.LinAlgError("no inverse"), "LinAlgError: no inverse"),
+    ],
+)
+def test_a_tracker_that_raises_has_failed(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, error: Exception, reason: str
+) -> None:
     class Raising:
         def track(self, frame: object) -> None:
-            raise EvaluationError("no more of this")
+            raise error
 
     monkeypatch.setattr(accuracy, "make_tracker", lambda *_: Raising())
     found = accuracy.follow(bench.sequence("fr3/cabinet"), "any", 0)
     assert found.failed
-    assert found.reason == "no more of this"
+    assert found.reason == reason
     assert found.poses == 0
 
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from edvo.errors import MissingExtraError
 from edvo.evaluation import evaluate
 from edvo.report.compare import Comparison, System, compare_source
 from edvo.report.compare_rank import _speed, ordinal, summary_verdicts, times, verdicts
-from edvo.report.compare_rule import failed, judge
+from edvo.report.compare_rule import failed, judge, middle
 from edvo.trajectory import Trajectory
 
 from .fakes import FakeSource, FakeTracker, path, place
@@ -297,3 +298,31 @@ def test_several_sequences_in_a_sentence() -> None:
 )
 def test_ordinals(number: int, text: str) -> None:
     assert ordinal(number) == text
+
+
+def test_a_recording_may_repeat_stamps_and_go_back() -> None:
+    source = FakeSource()
+    source.timestamps[[20, 30]] = source.timestamps[[19, 28]]
+    comparison = compared(scaled("good", 0.9), source=source)
+    for name in ("good", "zero-motion"):
+        row = comparison.row(name)
+        assert row is not None
+        assert row.score is not None
+        assert len(row.score.trajectory) == 38
+    assert comparison.rows[0].rpe == pytest.approx(0.03, rel=0.05)
+
+
+def test_the_worst_is_known_if_one_run_has_no_error() -> None:
+    row = compared(system("some", lambda camera, seed: FakeTracker(0.9), repeats=3)).row("some")
+    assert row is not None
+    unknown = replace(row.runs[0], evaluation=None)
+    for runs in ((unknown, *row.runs[1:]), (*row.runs[1:], unknown)):
+        assert replace(row, runs=runs).worst_rpe == pytest.approx(0.03)
+    assert math.isnan(replace(row, runs=(unknown, unknown)).worst_rpe)
+    failed_run = replace(row.runs[0], failure="diverged")
+    assert replace(row, runs=(unknown, failed_run)).worst_rpe == math.inf
+
+
+def test_the_middle_of_an_even_number_is_the_worse() -> None:
+    assert middle([0.3, 0.1, math.inf, 0.2], float) == 0.3
+    assert middle([math.nan, 0.1, 0.2], float) == 0.2

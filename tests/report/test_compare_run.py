@@ -142,6 +142,15 @@ def test_who_raises_is_out_and_the_others_go_on(at: int) -> None:
     assert not found[1].stopped
 
 
+@pytest.mark.parametrize("at", [5, 23])  # while warming up, and later
+def test_the_frame_at_which_one_stops_counts_from_the_recordings_start(at: int) -> None:
+    broken = {at: RuntimeError("singular")}
+    (found,) = follow_together(
+        FakeSource(30), [Entrant(lambda: FakeTracker(raises=broken))], indices=range(5, 30, 2)
+    )
+    assert found.stopped == f"stopped at frame {at}: RuntimeError: singular"
+
+
 def test_stopping_leaves_all_with_the_same_frames() -> None:
     asked = 0
 

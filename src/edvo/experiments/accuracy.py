@@ -5,16 +5,18 @@ from collections.abc import Sequence as Items
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import product
-from math import isnan
+from math import inf, isnan
 from threading import Event
 
-from edvo.baselines.registry import EDVO_NAMES, ZERO_MOTION, make_tracker
-from edvo.errors import EdvoError, FrameError, MissingExtraError
+from edvo.baselines.registry import EDVO_NAMES, ZERO_MOTION, Tracker, make_tracker
+from edvo.errors import FrameError, MissingExtraError
 from edvo.experiments.bench import Bench
 from edvo.experiments.drawing import PUBLISHED_COLOUR, new_figure, tidy, to_png
 from edvo.experiments.experiment import Figure, Table, Value
 from edvo.experiments.sequences import PAPER_SEQUENCES, Sequence, short_name
-from edvo.report.compare_rule import judge
+from edvo.frame import Frame
+from edvo.report.compare_rule import judge, middle, raised
+from edvo.trajectory import Trajectory
 
 OURS, BEST_OURS = "edvo-paper", "edvo-default"
 QUICK = (OURS, BEST_OURS, "opencv-rgb", "orb-pnp", ZERO_MOTION)
@@ -186,19 +188,12 @@ def follow(sequence: Sequence, system: str, seed: int, stop: Event | None = None
     frames, problems = sequence.frames, sequence.problems
     count = len(frames) + len(problems)
     try:
-        tracker = make_tracker(system, sequence.camera, seed)
-        for frame in frames:
-            if stop is not None and stop.is_set():
-                break
-            try:
-                tracker.track(frame)
-            except FrameError as error:
-                tracker.skip(frame.timestamp, str(error))
-        path = tracker.trajectory
+        path = _tracked(make_tracker(system, sequence.camera, seed), frames, stop)
+    except Exception as error:  # a library of others may raise anything, and this is a finding
+        evaluation, poses, reason = None, 0, raised(error)
+    else:
         poses = len(path)
         evaluation, reason = judge(sequence.truth, path, count)
-    except EdvoError as error:
-        evaluation, poses, reason = None, 0, str(error)
     errors = None if evaluation is None else evaluation.rpe
     nothing = float("nan")
     return Score(
@@ -215,9 +210,19 @@ def follow(sequence: Sequence, system: str, seed: int, stop: Event | None = None
     )
 
 
+def _tracked(tracker: Tracker, frames: Items[Frame], stop: Event | None) -> Trajectory:
+    for frame in frames:
+        if stop is not None and stop.is_set():
+            break
+        try:
+            tracker.track(frame)
+        except FrameError as error:
+            tracker.skip(frame.timestamp, str(error))
+    return tracker.trajectory
+
+
 def _middle(scores: Items[Score]) -> Score:
-    order = sorted(scores, key=lambda score: (score.failed, isnan(score.rmse), score.rmse))
-    return order[(len(order) - 1) // 2]
+    return middle(scores, lambda score: inf if score.failed else score.rmse)
 
 
 def make_table(scores: Scores, published: Published, what: str, *, name: str, title: str) -> Table:

@@ -19,7 +19,7 @@ from edvo.datasets import Reading, Source
 from edvo.errors import MissingExtraError
 from edvo.evaluation import Evaluation
 from edvo.odometry import Status
-from edvo.report.compare_rule import failed, judge
+from edvo.report.compare_rule import failed, judge, middle
 from edvo.report.compare_run import CHUNK_FRAMES, Entrant, Followed, follow_together
 from edvo.trajectory import Trajectory, nearest_indices
 
@@ -140,8 +140,7 @@ class Row:
         """
         if not self.runs:
             return None
-        ranked = sorted(self.runs, key=lambda run: math.inf if math.isnan(run.rpe) else run.rpe)
-        return ranked[len(ranked) // 2]
+        return middle(self.runs, lambda run: run.rpe)
 
     @property
     def failure(self) -> str:
@@ -155,8 +154,10 @@ class Row:
 
     @property
     def worst_rpe(self) -> float:
-        """Largest error of all runs, m/s; infinite if any failed."""
-        return max((run.rpe for run in self.runs), default=math.inf)
+        """Largest error of all runs that have one, m/s; infinite if any failed, nan if none has."""
+        if not self.runs:
+            return math.inf
+        return max((run.rpe for run in self.runs if not math.isnan(run.rpe)), default=math.nan)
 
     @property
     def failed_runs(self) -> int:
@@ -405,13 +406,13 @@ def _no_overlap(poses: Trajectory, times: NDArray[np.float64]) -> str:
 
 def _still(times: NDArray[np.float64], truth: Trajectory | None) -> Score:
     """Score who does not move, which is no failure but the bar that others must clear."""
-    poses = Trajectory.from_poses(times.tolist(), [np.eye(4)] * len(times))
+    poses = Trajectory.from_frames(times, [np.eye(4)] * len(times))
     evaluation, _ = judge(truth, poses, len(times))
     return Score(
         seed=None,
         begin=0,
         frames=len(times),
-        tracked=len(times),
+        tracked=len(poses),
         degraded=0,
         trajectory=poses,
         evaluation=evaluation,

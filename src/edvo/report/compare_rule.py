@@ -1,8 +1,14 @@
 """When an odometry counts as failed: one rule for edvo and for all that is beside it."""
 
-from edvo.errors import EvaluationError
+import math
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
+from edvo.errors import EdvoError, EvaluationError
 from edvo.evaluation import Evaluation, evaluate
 from edvo.trajectory import Trajectory
+
+Run = TypeVar("Run")
 
 LEAST_COVERAGE = 0.5
 """Share of the frames that must have a pose."""
@@ -72,6 +78,48 @@ def judge(
     except EvaluationError as error:
         return None, too_few or str(error)
     return evaluation, failed(evaluation)
+
+
+def raised(error: Exception) -> str:
+    """Name in a line what a tracker raised.
+
+    Parameters
+    ----------
+    error : Exception
+        Whatever it is: the libraries behind a tracker have errors of their own.
+
+    Returns
+    -------
+    str
+        The first line of what it says, with its type unless it is one of edvo's own.
+    """
+    first_line = (str(error).strip().splitlines() or [""])[0]
+    if isinstance(error, EdvoError) and first_line:
+        return first_line
+    return f"{type(error).__name__}: {first_line}"
+
+
+def middle(runs: Sequence[Run], error: Callable[[Run], float]) -> Run:
+    """Choose the run that stands for several of a system.
+
+    Parameters
+    ----------
+    runs : sequence
+        At least one.
+    error : callable
+        Gives the error of a run: infinite if it failed, not a number where it has none.
+
+    Returns
+    -------
+    Run
+        The one in the middle by its error; of an even number the worse of the two.
+    """
+
+    def order(run: Run) -> float:
+        value = error(run)
+        return math.inf if math.isnan(value) else value
+
+    return sorted(runs, key=order)[len(runs) // 2]
 
 
 def _too_few(share: float) -> str:

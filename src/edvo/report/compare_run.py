@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from edvo.baselines.registry import Tracker
 from edvo.datasets import Reading, Source, read_ahead
 from edvo.errors import FrameError
-from edvo.frame import Frame
 from edvo.odometry import Status, TrackedFrame
+from edvo.report.compare_rule import raised
 from edvo.trajectory import Trajectory
 
 CHUNK_FRAMES = 16
@@ -80,12 +80,12 @@ class Followed:
         return sum(each is status for each in self.statuses)
 
     def trajectory(self) -> Trajectory:
-        """Collect the poses of the frames that were not lost."""
+        """Collect the poses of the frames that were not lost; of equal stamps the first."""
         kept = [i for i, status in enumerate(self.statuses) if status is not Status.LOST]
-        return Trajectory(
-            np.array([self.timestamps[i] for i in kept]),
-            np.array([self.poses[i] for i in kept]),
-            tuple(self.stamps[i] for i in kept),
+        return Trajectory.from_frames(
+            [self.timestamps[i] for i in kept],
+            [self.poses[i] for i in kept],
+            [self.stamps[i] for i in kept],
         )
 
 
@@ -152,9 +152,9 @@ def _in_chunks(
         with closing(read_ahead(source, wanted, workers=_WORKERS, ahead=chunk)) as readings:
             decoded = list(readings)
         if begin == 0:
-            frames = [reading.frame for reading in decoded if reading.frame is not None]
+            there = [reading for reading in decoded if reading.frame is not None]
             for run in runs:
-                run.warm_up(frames[:_WARM_UP_FRAMES])
+                run.warm_up(there[:_WARM_UP_FRAMES])
         yield from decoded
 
 
@@ -164,15 +164,18 @@ class _Run:
         self._entrant = entrant
         self._tracker = entrant.make()
 
-    def warm_up(self, frames: Sequence[Frame]) -> None:
+    def warm_up(self, readings: Sequence[Reading]) -> None:
+        frame = readings[0].index if readings else 0
         try:
             tracker = self._entrant.make()
-            for frame in frames:
-                tracker.track(frame)
+            for reading in readings:
+                frame = reading.index
+                if reading.frame is not None:
+                    tracker.track(reading.frame)
         except FrameError:
             pass  # it says so again, and is recorded, when the frame's turn comes
         except Exception as error:
-            self._give_up(error)
+            self._give_up(frame, error)
 
     def take(self, number: int, reading: Reading) -> None:
         followed = self.followed
@@ -181,7 +184,7 @@ class _Run:
         try:
             result, wall_s, cpu_s = self._track(reading)
         except Exception as error:  # a library of others may raise anything, and this is a finding
-            self._give_up(error)
+            self._give_up(reading.index, error)
             return
         followed.stamps.append(reading.stamp)
         followed.timestamps.append(reading.timestamp)
@@ -218,7 +221,6 @@ class _Run:
                 return result, wall, cpu
         return self._tracker.skip(reading.timestamp, problem), math.nan, math.nan
 
-    def _give_up(self, error: Exception) -> None:
-        first_line = (str(error).splitlines() or [""])[0]
-        frame = len(self.followed.statuses)
-        self.followed.stopped = f"stopped at frame {frame}: {type(error).__name__}: {first_line}"
+    def _give_up(self, frame: int, error: Exception) -> None:
+        """Take it out at a frame, counted from the recording's first."""
+        self.followed.stopped = f"stopped at frame {frame}: {raised(error)}"
