@@ -40,3 +40,14 @@ def test_spread_is_that_of_a_sample() -> None:
 def test_enough_is_within_a_tenth_of_all_edges(paper: float, holds: bool | None) -> None:
     points = [point(100, 0.5), point(450, paper), point(0, 0.010)]
     assert fig6.judge("a", points).holds is holds
+
+
+def test_any_larger_number_may_lower_the_error() -> None:
+    points = [point(100, 0.001), point(450, 0.012), point(1000, 0.010), point(0, 0.013)]
+    found = fig6.judge("a", points)
+    assert found.holds is False
+    assert "10.0 mm/s at 1000." in found.sentence
+    points[2] = point(1000, np.nan)
+    assert fig6.judge("a", points).holds is True
+    points[3] = point(0, np.nan)
+    assert fig6.judge("a", points).holds is None
