@@ -30,8 +30,10 @@ is shown as well: the frames between are left out, so that each frame is registe
 that is so many frames away, from no motion at all; it is judged up to a gap of 5, since beyond
 it both criteria mostly end in wrong minima, soon or late, as the drift in the table shows. The
 error is the RMSE of the relative pose error over 1 s, the mean over seeds of the sampling. Lost
-frames have no pose: their share stands beside. The paper does not say which sequence its figure
-shows, and gives no numbers."""
+frames have no pose: their share stands beside. Where a run has poses for fewer than half of the
+frames, or does no better than standing still, it has failed (x), whatever its error: its drift
+counts as higher than any, and its iterations are not judged. The paper does not say which sequence
+its figure shows, and gives no numbers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,11 +48,19 @@ class Cell:
         Of all registrations.
     coverage : float
         Share of the frames that have a pose.
+    failures : int
+        Runs that failed by the rule of `edvo.report.compare_rule`.
     """
 
     rmse: float
     iterations: NDArray[np.int64]
     coverage: float
+    failures: int = 0
+
+    @property
+    def drift(self) -> float:
+        """Error that is judged, m/s: infinite if a run failed, NaN where none is known."""
+        return float("inf") if self.failures else self.rmse
 
     @property
     def steps(self) -> float:
@@ -132,6 +142,7 @@ def measure(sequence: Sequence, reading: str, criterion: str, gap: int, seeds: r
         float(np.mean([run.rmse for run in runs])),
         np.concatenate([run.iterations for run in runs]),
         float(np.mean([run.coverage for run in runs])),
+        sum(bool(run.failure) for run in runs),
     )
 
 
@@ -157,7 +168,7 @@ def make_table(name: str, grid: Grid) -> Table:
             (
                 READINGS[reading],
                 str(gap),
-                *(f"{1e3 * cell.rmse:.1f}" if cell.rmse >= 0 else "-" for cell in cells),
+                *(_drift(cell) for cell in cells),
                 *(f"{cell.steps:.1f} ± {cell.deviation:.1f}" for cell in cells),
                 " / ".join(f"{1 - cell.coverage:.0%}" for cell in cells),
             )
@@ -172,6 +183,7 @@ def make_table(name: str, grid: Grid) -> Table:
             record[f"{criterion}_iterations_mean"] = cell.steps
             record[f"{criterion}_iterations_std"] = cell.deviation
             record[f"{criterion}_coverage"] = cell.coverage
+            record[f"{criterion}_failed_runs"] = cell.failures
         records.append(record)
     return Table(
         f"fig10_{name.replace('/', '_')}",
@@ -188,6 +200,12 @@ def make_table(name: str, grid: Grid) -> Table:
         rows,
         records,
     )
+
+
+def _drift(cell: Cell) -> str:
+    """Write the drift: bare if it counts, marked if a run failed."""
+    number = f"{1e3 * cell.rmse:.1f}" if np.isfinite(cell.rmse) else "-"
+    return f"x ({number})" if cell.failures else number
 
 
 def draw(grids: dict[str, Grid]) -> Figure:
@@ -217,6 +235,12 @@ def draw(grids: dict[str, Grid]) -> Figure:
             if reading == "tracked":
                 drift = [1e3 * cell.rmse for cell in cells]
                 top.plot(gaps, drift, style, color=colour, lw=1.4, ms=3)
+                lost = [
+                    (gap, d)
+                    for gap, d, cell in zip(gaps, drift, cells, strict=True)
+                    if cell.failures
+                ]
+                top.plot([gap for gap, _ in lost], [d for _, d in lost], "X", color=colour, ms=8)
                 std = np.array([cell.deviation for cell in cells])
                 bottom.fill_between(gaps, mean - std, mean + std, color=colour, alpha=0.12, lw=0)
         top.set_title(short_name(name), fontsize=10)
@@ -230,8 +254,8 @@ def draw(grids: dict[str, Grid]) -> Figure:
     figure.legend(lines, labels, loc="outside lower center", ncols=2, frameon=False, fontsize=9)
     return Figure(
         "fig10",
-        "Above: drift against the gap between keyframes, every frame tracked. Below: iterations; "
-        "the band is one standard deviation.",
+        "Above: drift against the gap between keyframes, every frame tracked; crosses: failed. "
+        "Below: iterations; the band is one standard deviation.",
         to_png(figure),
     )
 
@@ -257,38 +281,64 @@ def _gaps(grid: Grid) -> list[int]:
     return sorted({gap for _, _, gap in grid})
 
 
-def _large(grid: Grid, criterion: str) -> float:
-    """Mean drift over the large gaps, m/s."""
+def _large(grid: Grid) -> dict[str, float]:
+    """Mean drift over the large gaps at which not both criteria fail, m/s, by criterion."""
     gaps = [gap for gap in _gaps(grid) if gap >= LARGE] or _gaps(grid)[-1:]
-    return float(np.mean([grid["tracked", criterion, gap].rmse for gap in gaps]))
+    cells = [[grid["tracked", criterion, gap] for criterion in CRITERIA] for gap in gaps]
+    judged = [pair for pair in cells if not all(cell.failures for cell in pair)] or cells
+    drifts = np.mean([[cell.drift for cell in pair] for pair in judged], axis=0)
+    return dict(zip(CRITERIA, drifts.tolist(), strict=True))
 
 
-def _finding(claim: str, said: dict[str, tuple[bool, str]]) -> Finding:
+def _less(lower: float, higher: float) -> bool | None:
+    """Compare two drifts; None where one is not known or both failed."""
+    if np.isnan([lower, higher]).any() or (np.isinf(lower) and np.isinf(higher)):
+        return None
+    return lower < higher
+
+
+def _said(drift: float) -> str:
+    if np.isnan(drift):
+        return "not known"
+    return "failed" if np.isinf(drift) else f"{1e3 * drift:.1f} mm/s"
+
+
+def _finding(claim: str, said: dict[str, tuple[bool | None, str]]) -> Finding:
     """Put together what is said of each sequence: whether it holds there, and the numbers."""
     holding = [name for name, (holds, _) in said.items() if holds]
+    unknown = [name for name, (holds, _) in said.items() if holds is None]
     text = "; ".join(f"{short_name(name)}: {numbers}" for name, (_, numbers) in said.items())
     if len(holding) == len(said):
         verdict = "It holds on all of them."
     elif holding:
-        names = ", ".join(short_name(name) for name in holding)
-        verdict = f"It holds on {len(holding)} of {len(said)}: {names}."
+        verdict = f"It holds on {len(holding)} of {len(said)}: {_names(holding)}."
+    elif len(unknown) == len(said):
+        verdict = "It cannot be said of any."
     else:
         verdict = "It holds on none of them."
-    return Finding(claim, len(holding) == len(said), f"{text}. {verdict}")
+    if 0 < len(unknown) < len(said):
+        verdict += f" It cannot be said of {_names(unknown)}."
+    denied = len(holding) + len(unknown) < len(said)
+    return Finding(claim, False if denied else None if unknown else True, f"{text}. {verdict}")
+
+
+def _names(sequences: list[str]) -> str:
+    return ", ".join(short_name(name) for name in sequences)
 
 
 def _judge_gap(grids: dict[str, Grid]) -> Finding:
     said = {}
     for name, grid in grids.items():
         gaps = _gaps(grid)
-        begin, end = grid["tracked", "robust", gaps[0]].rmse, _large(grid, "robust")
-        drift = {gap: 1e3 * grid["tracked", "robust", gap].rmse for gap in gaps}
+        drift = {gap: grid["tracked", "robust", gap].drift for gap in gaps}
+        large = [drift[gap] for gap in gaps if gap >= LARGE] or [drift[gaps[-1]]]
+        end = float(np.mean(large))
         best = min(gaps, key=lambda gap: np.nan_to_num(drift[gap], nan=np.inf))
         numbers = (
-            f"{drift[gaps[0]]:.1f} mm/s at a gap of {gaps[0]}, {1e3 * end:.1f} at large ones, the "
-            f"lowest {drift[best]:.1f} at {best}"
+            f"{_said(drift[gaps[0]])} at a gap of {gaps[0]}, {_said(end)} at large ones, the "
+            f"lowest {_said(drift[best])} at {best}"
         )
-        said[name] = (end < begin, numbers)
+        said[name] = (_less(end, drift[gaps[0]]), numbers)
     return _finding(
         "The larger the gap between keyframes, the lower the drift (robust criterion; large is "
         f"the mean over gaps from {LARGE} frames on).",
@@ -299,11 +349,12 @@ def _judge_gap(grids: dict[str, Grid]) -> Finding:
 def _judge_drift(grids: dict[str, Grid]) -> Finding:
     said = {}
     for name, grid in grids.items():
-        normal, robust = _large(grid, "normal"), _large(grid, "robust")
-        numbers = f"{1e3 * normal:.1f} mm/s against {1e3 * robust:.1f}"
+        large = _large(grid)
+        normal, robust = large["normal"], large["robust"]
+        numbers = f"{_said(normal)} against {_said(robust)}"
         if np.isfinite([normal, robust]).all():
             numbers += f" ({100 * (robust / normal - 1):+.0f} %)"
-        said[name] = (robust < ALIKE * normal, numbers)
+        said[name] = (_less(robust, ALIKE * normal), numbers)
     return _finding(
         f"At large gaps (from {LARGE} frames on) drift is higher with the normal criterion than "
         f"with the robust one, by more than {100 * (1 - ALIKE):.0f} %.",
@@ -312,15 +363,18 @@ def _judge_drift(grids: dict[str, Grid]) -> Finding:
 
 
 def _judge_steps(grids: dict[str, Grid], reading: str) -> Finding:
-    said = {}
+    said: dict[str, tuple[bool | None, str]] = {}
     for name, grid in grids.items():
-        # where too few frames are left, there may be no registration
+        # where too few frames are left there may be no registration, or only lost ones
         gaps = [
             gap
             for gap in _gaps(grid)
             if gap <= FURTHEST[reading]
-            and all(len(grid[reading, criterion, gap].iterations) for criterion in CRITERIA)
+            and all(_has_steps(grid[reading, criterion, gap]) for criterion in CRITERIA)
         ]
+        if len(gaps) < 2:
+            said[name] = (None, "fewer than two gaps at which both criteria can follow")
+            continue
         (n1, n2), (r1, r2) = (
             [grid[reading, criterion, gap].steps for gap in (gaps[0], gaps[-1])]
             for criterion in ("normal", "robust")
@@ -335,6 +389,10 @@ def _judge_steps(grids: dict[str, Grid], reading: str) -> Finding:
         f"fewer and rise less ({READINGS[reading]}).",
         said,
     )
+
+
+def _has_steps(cell: Cell) -> bool:
+    return not cell.failures and len(cell.iterations) > 0
 
 
 EXPERIMENT = Experiment(

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edvo.config import Config
-from edvo.errors import EvaluationError
-from edvo.evaluation import RelativePoseError, coverage, relative_pose_error
+from edvo.evaluation import RelativePoseError, coverage
 from edvo.experiments.sequences import Sequence
 from edvo.odometry import Odometry, TrackedFrame
+from edvo.report.compare_rule import judge
 
 CRITERIA = {"normal": "normal", "robust": "robust-then-normal"}
 """The two ways to match that the paper compares (§V-B), and ``matching.criterion`` of each."""
@@ -29,6 +29,8 @@ class Run:
         Over one second, by the TUM script's formula; None if too few frames have a pose.
     coverage : float
         Share of the frames that have a pose.
+    failure : str
+        Why it is a failure by the rule of `edvo.report.compare_rule`; empty where it is none.
     seconds, processor_seconds : ndarray, shape (frames,), float64
         Wall and processor time of each call of `Odometry.track`.
     """
@@ -36,6 +38,7 @@ class Run:
     tracked: tuple[TrackedFrame, ...]
     errors: RelativePoseError | None
     coverage: float
+    failure: str
     seconds: NDArray[np.float64]
     processor_seconds: NDArray[np.float64]
 
@@ -75,10 +78,8 @@ def track(sequence: Sequence, overrides: Iterable[str] = (), *, preset: str = "p
         tracked.append(odometry.track(frame))
         seconds.append((time.perf_counter() - begin[0], time.process_time() - begin[1]))
     trajectory = odometry.trajectory
-    try:
-        errors = relative_pose_error(sequence.truth, trajectory)
-    except EvaluationError:
-        errors = None
+    evaluation, failure = judge(sequence.truth, trajectory, len(tracked))
+    errors = None if evaluation is None else evaluation.rpe
     share = coverage(len(trajectory), len(tracked))
     wall, processor = np.array(seconds).T
-    return Run(tuple(tracked), errors, share, wall, processor)
+    return Run(tuple(tracked), errors, share, failure, wall, processor)
