@@ -1,7 +1,14 @@
 """Which sequence is which, and that stand-ins say that they are."""
 
+import json
+import os
+import shutil
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import cv2
+import numba
 import numpy as np
 import pytest
 
@@ -19,7 +26,7 @@ from edvo.experiments.sequences import (
 )
 from edvo.frame import Frame
 
-from .tiny import tiny_bench, write_recording
+from .tiny import CAMERA, tiny_bench, write_recording
 
 
 @pytest.mark.parametrize(
@@ -193,6 +200,35 @@ def test_settings_tell_what_decides(tmp_path: Path, data: Path) -> None:
     assert plain != tiny_bench(tmp_path, frames=4).settings()
     assert plain != tiny_bench(tmp_path, frames=3, seed=1).settings()
     assert plain != tiny_bench(tmp_path, frames=3, data=data).settings()
+
+
+def test_another_recording_of_the_same_name_is_not_taken_for_it(tmp_path: Path, data: Path) -> None:
+    def settings(folder: Path = data) -> dict[str, Any]:
+        found = tiny_bench(tmp_path, frames=3, data=folder).settings()
+        assert json.loads(json.dumps(found)) == found
+        return found
+
+    before = settings()
+    assert before == settings()
+    shutil.copytree(data, tmp_path / "elsewhere")
+    assert settings(tmp_path / "elsewhere") != before
+    for name in ("groundtruth.txt", "rgb.txt"):
+        file = data / "hallway" / name
+        file.write_text(file.read_text() + "# measured again\n")
+        assert settings() != before
+        before = settings()
+    os.utime(file, ns=(0, 0))
+    assert settings() != before
+
+
+def test_camera_and_versions_decide_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    plain = tiny_bench(tmp_path, frames=3).settings()
+    longer = Bench(tmp_path, quick=True, stand_in_frames=3, camera=replace(CAMERA, fx=99.0))
+    assert plain != longer.settings()
+    for library in (np, numba, cv2):
+        with monkeypatch.context() as patch:
+            patch.setattr(library, "__version__", "0.0")
+            assert plain != tiny_bench(tmp_path, frames=3).settings()
 
 
 def test_remembered_once(bench: Bench) -> None:

@@ -6,12 +6,14 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import cv2
+import numba
+import numpy as np
 
 from edvo import __version__
 from edvo.camera import Camera
 from edvo.datasets import open_source
 from edvo.errors import DatasetError, EdvoError
-from edvo.experiments.fingerprint import code_digest
+from edvo.experiments.fingerprint import code_digest, recording_digest
 from edvo.experiments.sequences import (
     PAPER_SEQUENCES,
     FrameMemory,
@@ -86,6 +88,7 @@ class Bench:
         self._remembered: dict[Hashable, Any] = {}
         self.notes: tuple[str, ...] = ()
         """Recordings that are not used, and why."""
+        self._real: dict[str, Path] = {}
         recordings = {} if data is None else find_recordings(Path(data))
         for name, place in recordings.items():
             try:
@@ -93,7 +96,8 @@ class Bench:
                 self._made[name] = real_sequence(name, source, self._limit, self._memory)
             except EdvoError as error:
                 self.notes += (f"not used: {error}",)
-        self._real = tuple(self._made)
+            else:
+                self._real[name] = source.path
 
     def count(self, full: Size, quick: Size) -> Size:
         """Choose by how long it may take.
@@ -202,12 +206,18 @@ class Bench:
         return {
             "edvo": __version__,
             "code": code_digest(),
+            "numpy": np.__version__,
+            "numba": numba.__version__,
             "opencv": cv2.__version__,
             "open3d": find_spec("open3d") is not None,
             "quick": self.quick,
             "seed": self.seed,
-            "camera": [self._camera.width, self._camera.height],
+            "camera": self._camera.to_dict(),
             "sequences": {name: self.sequence(name).label for name in self.names},
+            "recordings": {
+                name: [recording_digest(place), self.sequence(name).camera.to_dict()]
+                for name, place in self._real.items()
+            },
         }
 
     def _render(self, name: str, scene: str) -> Sequence:

@@ -33,3 +33,26 @@ def code_digest(part: str = "") -> str:
             digest.update(place.as_posix().encode())
             digest.update(file.read_bytes())
     return digest.hexdigest()[:12]
+
+
+def recording_digest(path: Path) -> str:
+    """Give a digest of a recording that changes with it, without reading its images.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        A file, or a folder whose lists and true poses lie beside folders of images.
+
+    Returns
+    -------
+    str
+        Twelve hexadecimal digits, made of the path and of name, size and time of those files.
+    """
+    place = path.resolve()
+    files = sorted(place.iterdir()) if place.is_dir() else [place]
+    told = [str(place)]
+    for file in files:
+        if file.is_file() and not file.name.startswith("."):
+            status = file.stat()
+            told.append(f"{file.name} {status.st_size} {status.st_mtime_ns}")
+    return hashlib.sha256("\n".join(told).encode()).hexdigest()[:12]
