@@ -1,7 +1,9 @@
 """What the baselines of edvo's own code have to do alike, on rendered frames of known motion."""
 
 from collections.abc import Callable
+from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -35,6 +37,24 @@ def test_follows_a_known_motion(make: Make, rendered: Rendered, rule: object) ->
         moved = np.linalg.norm(rendered.motion(0, index)[:3, 3])
         assert np.linalg.norm(error[:3, 3]) < 0.004 + 0.1 * moved
         assert np.degrees(se3.rotation_angle(error)) < 0.2
+
+
+def test_orb_counts_the_inliers_of_the_last_refinement(
+    rendered: Rendered, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    refine, calls = cv2.solvePnPRefineLM, 0
+
+    def astray(*given: Any) -> Any:
+        nonlocal calls
+        calls += 1
+        rotation, translation = refine(*given)
+        return rotation, translation + (calls % 2 == 0) * 1.0
+
+    monkeypatch.setattr(cv2, "solvePnPRefineLM", astray)
+    aligner = orb_odometry(rendered.camera)._aligner
+    reference, current = map(aligner.prepare, rendered.frames[:2])
+    assert aligner.align(reference, current, np.eye(4)) is None
+    assert calls == 4  # near the guess, then everywhere
 
 
 def test_the_guess_carries_a_large_motion(make: Make, rendered: Rendered) -> None:

@@ -168,8 +168,9 @@ class OrbAligner:
         if not found or inliers is None:
             return None
         chosen = inliers.ravel()
+        enough = max(MIN_INLIERS, MIN_SHARE * len(points))
         for _ in range(2):  # inliers of the refined pose, which are more than RANSAC's
-            if len(chosen) < max(MIN_INLIERS, MIN_SHARE * len(points)):
+            if len(chosen) < enough:
                 return None
             rotation, translation = cv2.solvePnPRefineLM(
                 points[chosen], observed[chosen], self._matrix, None, rotation, translation
@@ -177,6 +178,8 @@ class OrbAligner:
             projected, _ = cv2.projectPoints(points, rotation, translation, self._matrix, None)
             error = np.linalg.norm(projected.reshape(-1, 2) - observed, axis=1)
             chosen = np.flatnonzero(error < REPROJECTION_PX)
+        if len(chosen) < enough:
+            return None
         T = np.eye(4)
         T[:3, :3] = cv2.Rodrigues(rotation)[0]
         T[:3, 3] = translation.ravel()
