@@ -78,8 +78,9 @@ def reproduce(
                 _tell(stage)
         except KeyboardInterrupt:
             _write(stages, bench, folder)
+            whole = sum(stage.outcome is not None for stage in stages)
             note(
-                f"interrupted; {len(stages)} of {len(names)} are complete in {folder}, "
+                f"interrupted; {whole} of {len(names)} are complete in {folder}, "
                 "and the same command goes on from there"
             )
             raise typer.Exit(INTERRUPTED) from None
