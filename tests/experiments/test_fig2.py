@@ -71,6 +71,21 @@ def test_equally_many_edges() -> None:
         assert counts[name] == pytest.approx(counts["canny"], rel=0.15)  # levels are whole
 
 
+def test_those_with_the_presets_threshold_are_shown_and_not_ranked() -> None:
+    shares = {"sobel": 0.3, "dog": 0.4, "canny": 0.5, "sobel-preset": 0.9, "dog-preset": 0.8}
+    results = {
+        ("a", extractor, condition): fig2.Recurrence(0.1, share, (share, 1.0), (0.0, 0.0))
+        for extractor, share in shares.items()
+        for condition in fig2.CONDITIONS
+    }
+    for found in (
+        fig2._most_recurring(results, fig2.CONDITIONS, "always"),
+        fig2._steadiest(results),
+    ):
+        assert found.holds is True
+        assert "preset threshold" in found.sentence
+
+
 def test_in_a_small_setting(bench: Bench) -> None:
     outcome = fig2.EXPERIMENT.run(bench)
     records = outcome.tables[0].records

@@ -1,4 +1,4 @@
-"""Every experiment of the issue is there, by its name."""
+"""Every experiment of the paper is there, by its name."""
 
 import pytest
 
