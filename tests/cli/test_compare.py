@@ -373,3 +373,46 @@ def test_help_names_the_groups(edvo: Command) -> None:
     assert outcome.status == 0
     assert "opencv" in outcome.out
     assert importlib.util.find_spec("edvo.cli.compare") is not None
+
+
+def test_a_folder_used_again_holds_one_comparison(
+    edvo: Command, whole_sequence: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    few = ("--max-frames", "5", "-o", out)
+    assert edvo("compare", "synth:cabinet", whole_sequence, "--with", "orb-pnp", *few).status == 0
+    first = read(out)["files"]
+    assert all((out / name).is_file() for name in first)
+    (out / "mine.png").write_text("not of edvo")
+    (out / "trajectories" / "mine.txt").write_text("not of edvo")
+    assert edvo("compare", whole_sequence, "--with", "zero-motion,opencv-rgb", *few).status == 0
+    second = set(read(out)["files"])
+    there = {
+        file.relative_to(out).as_posix()
+        for file in out.rglob("*")
+        if file.suffix in (".png", ".txt")
+    }
+    assert there == second | {"mine.png", "trajectories/mine.txt"}
+    assert not second.issuperset(first)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[]", '{"files": 3}', '{"files": [3]}', '{"files": ["../beside.txt", "a.md"]}']
+)
+def test_only_what_a_comparison_wrote_is_removed(tmp_path: Path, text: str) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    others = (tmp_path / "beside.txt", out / "a.md")
+    for file in others:
+        file.write_text("not of edvo")
+    (out / "compare.json").write_text(text)
+    compare_module.remove_earlier(out)
+    assert all(file.exists() for file in others)
+
+
+def test_a_single_frame_is_no_measure_of_time(edvo: Command, whole_sequence: Path) -> None:
+    done = edvo("compare", whole_sequence, "--with", "opencv-rgb", "--max-frames", "1")
+    assert done.status == 0
+    assert ": 1 frame\n" in done.out
+    assert "faster" not in done.out
+    assert "slower" not in done.out

@@ -116,6 +116,20 @@ def test_speed_is_said_as_a_ratio() -> None:
     assert [times(9.94), times(9.96), times(14.4), times(1.25)] == ["9.9x", "10x", "14x", "1.2x"]
 
 
+@pytest.mark.parametrize(("frames", "known"), [(2, False), (3, True)])
+def test_no_ratio_of_times_below_three_frames(frames: int, known: bool) -> None:
+    comparison = compared(
+        scaled("edvo-default", 0.9, kind="edvo"),
+        scaled("slow", 0.9, wait=0.005),
+        source=FakeSource(frames),
+    )
+    slow = comparison.row("slow")
+    assert slow is not None
+    assert math.isfinite(comparison.time_ratio(slow)) is known
+    assert math.isfinite(comparison.cpu_ratio(slow)) is known
+    assert any("faster" in line for line in verdicts(comparison)) is known
+
+
 def test_processor_time_is_said_where_it_differs() -> None:
     assert _speed("peer", 12.0, 11.0) == "12x faster than peer"
     assert _speed("peer", 1.01, 1.2) == "as fast as peer"

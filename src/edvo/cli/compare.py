@@ -1,9 +1,11 @@
 """`edvo compare`."""
 
+import json
 import re
 import shlex
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain, count
 from pathlib import Path
@@ -134,6 +136,7 @@ class Results:
         self.comparisons: list[Comparison] = []
         self._folder = folder
         self._pictures: list[list[str]] = []
+        self._files: list[str] = []
         self._command = shlex.join(["edvo", *sys.argv[1:]])
 
     def add(self, comparison: Comparison) -> None:
@@ -147,17 +150,21 @@ class Results:
         self.comparisons.append(comparison)
         if self._folder is None:
             return
+        if len(self.comparisons) == 1:
+            remove_earlier(self._folder)
         self._pictures.append(self._draw(comparison, self._folder))
-        self._write_trajectories(comparison, self._folder / TRAJECTORIES)
+        self._files += self._pictures[-1]
+        self._files += self._write_trajectories(comparison, self._folder)
         page = markdown(self.comparisons, command=self._command, pictures=self._pictures)
         write_atomically(self._folder / MARKDOWN, page)
         write_atomically(self._folder / CSV, to_csv(self.comparisons))
-        write_atomically(self._folder / JSON, to_json(self.comparisons, command=self._command))
+        whole = to_json(self.comparisons, command=self._command, files=self._files)
+        write_atomically(self._folder / JSON, whole)
 
     def finish(self) -> None:
         """Say what all sequences come to, and where it is kept."""
         edvo = [row for each in self.comparisons for row in each.rows if row.kind == "edvo"]
-        if any(row.median_s > _BUSY * row.median_cpu_s for row in edvo):
+        if any(row.is_timed and row.median_s > _BUSY * row.median_cpu_s for row in edvo):
             note("warning: the machine is busy, edvo waits for a processor; compare the CPU times")
         if len(self.comparisons) > 1:
             say(table(*summary_cells(self.comparisons)))
@@ -178,12 +185,37 @@ class Results:
                 write_atomically(folder / written[-1], picture)
         return written
 
-    def _write_trajectories(self, comparison: Comparison, folder: Path) -> None:
-        output_folder(folder / _slug(comparison.name))
+    def _write_trajectories(self, comparison: Comparison, folder: Path) -> list[str]:
+        place = f"{TRAJECTORIES}/{_slug(comparison.name)}"
+        output_folder(folder / place)
+        written = []
         for row in comparison.rows:
             if row.score is not None and row.kind not in ("trajectory", "reference"):
-                file = folder / _slug(comparison.name) / f"{_slug(row.name)}.txt"
-                row.score.trajectory.write(file)
+                written.append(f"{place}/{_slug(row.name)}.txt")
+                row.score.trajectory.write(folder / written[-1])
+        return written
+
+
+def remove_earlier(folder: Path) -> None:
+    """Remove pictures and trajectories of an earlier comparison, and nothing that it did not write.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        Where this one goes; nothing happens unless it has a list of an earlier one's files.
+    """
+    try:
+        files = json.loads((folder / JSON).read_text(encoding="utf-8"))["files"]
+        places = [(folder / name).resolve() for name in files]
+    except (OSError, ValueError, LookupError, TypeError):
+        return  # none, or not one of ours
+    home = folder.resolve()
+    for place in places:
+        if place.suffix in (".png", ".txt") and home in place.parents:
+            with suppress(OSError):
+                place.unlink()
+            with suppress(OSError):  # it stays if it holds anything else
+                place.parent.rmdir()
 
 
 def _named_files(trajectories: Sequence[str]) -> dict[str, str]:

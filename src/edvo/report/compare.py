@@ -26,6 +26,7 @@ from edvo.trajectory import Trajectory, nearest_indices
 __all__ = ["Comparison", "Row", "Score", "System", "compare_source", "failed"]
 
 _PAIRING_S = 0.02  # between a frame and a pose of an external trajectory, as the TUM tools allow
+_LEAST_TIMED = 3  # frames; the first one has nothing to be registered with
 _SKIPPED = 3  # frames by which a repeat begins later than the one before, if it is to
 
 Kind = Literal["edvo", "variant", "baseline", "trajectory", "reference"]
@@ -175,6 +176,11 @@ class Row:
         return np.concatenate([np.empty(0), *(run.cpu_s for run in self.runs)])
 
     @property
+    def is_timed(self) -> bool:
+        """Whether each run has frames enough for its times to be compared with others'."""
+        return bool(self.runs) and min(run.wall_s.size for run in self.runs) >= _LEAST_TIMED
+
+    @property
     def median_s(self) -> float:
         """Median wall time of a frame, seconds; nan where it is not known."""
         return float(np.median(self.wall_s)) if self.wall_s.size else math.nan
@@ -183,6 +189,12 @@ class Row:
     def median_cpu_s(self) -> float:
         """Median processor time of a frame, seconds; nan where it is not known."""
         return float(np.median(self.cpu_s)) if self.cpu_s.size else math.nan
+
+    def times_as_long_as(self, other: "Row") -> tuple[float, float]:
+        """Give the ratios of wall and processor time of a frame; nan where one is not timed."""
+        if not (self.is_timed and other.is_timed):
+            return math.nan, math.nan
+        return self.median_s / other.median_s, self.median_cpu_s / other.median_cpu_s
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,12 +255,12 @@ class Comparison:
     def time_ratio(self, row: Row) -> float:
         """Say how many times as long a row takes for a frame as the base; nan if not known."""
         base = self.row(self.base)
-        return math.nan if base is None else row.median_s / base.median_s
+        return math.nan if base is None else row.times_as_long_as(base)[0]
 
     def cpu_ratio(self, row: Row) -> float:
         """Say how many times as much processor time it takes; nan if not known."""
         base = self.row(self.base)
-        return math.nan if base is None else row.median_cpu_s / base.median_cpu_s
+        return math.nan if base is None else row.times_as_long_as(base)[1]
 
     def error_ratio(self, row: Row) -> float:
         """Say how many times as large the error of a row is as that of the base."""

@@ -81,9 +81,10 @@ def _of_preset(comparison: Comparison, row: Row) -> str:
     else:
         said = "no rank, since there is no relative pose error"
     ratios = {
-        other.name: (other.median_s / row.median_s, other.median_cpu_s / row.median_cpu_s)
+        other.name: ratio
         for other in comparison.rows
-        if other.kind == "baseline" and math.isfinite(other.median_s / row.median_s)
+        for ratio in [other.times_as_long_as(row)]
+        if other.kind == "baseline" and math.isfinite(ratio[0])
     }
     said += "".join(f"; {part}" for part in _speeds(ratios))
     return f"{row.name}: {said}"

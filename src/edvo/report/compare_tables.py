@@ -106,7 +106,7 @@ def describe(comparison: Comparison) -> str:
     str
         A line.
     """
-    line = f"{comparison.frames} frames"
+    line = f"{comparison.frames} frame{'' if comparison.frames == 1 else 's'}"
     if comparison.interrupted:
         line += f" of {comparison.wanted}, then interrupted"
     if comparison.unreadable:
@@ -207,7 +207,7 @@ def to_csv(comparisons: Sequence[Comparison]) -> str:
     return text.getvalue()
 
 
-def to_json(comparisons: Sequence[Comparison], *, command: str) -> str:
+def to_json(comparisons: Sequence[Comparison], *, command: str, files: Sequence[str] = ()) -> str:
     """Write everything: rows, each single run, sentences, and the machine.
 
     Parameters
@@ -216,6 +216,8 @@ def to_json(comparisons: Sequence[Comparison], *, command: str) -> str:
         A member of ``sequences`` each.
     command : str
         What gave them.
+    files : sequence of str
+        Pictures and trajectories that belong to it, from its folder.
 
     Returns
     -------
@@ -250,6 +252,7 @@ def to_json(comparisons: Sequence[Comparison], *, command: str) -> str:
             for comparison in comparisons
         ],
         "verdicts": summary_verdicts(comparisons),
+        "files": list(files),
     }
     return json.dumps(whole, indent=2, allow_nan=False) + "\n"
 
