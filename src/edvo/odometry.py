@@ -172,8 +172,7 @@ class Odometry:
 
         Of frames with the same stamp it holds the first.
         """
-        times, first = np.unique(self._timestamps, return_index=True)
-        return Trajectory.from_poses(times.tolist(), [self._poses[i] for i in first])
+        return Trajectory.from_frames(self._timestamps, self._poses)
 
     def track(self, frame: Frame) -> TrackedFrame:
         """Give the pose of the next frame.
