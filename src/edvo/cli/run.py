@@ -14,7 +14,6 @@ from edvo.cli.recording import open_recording
 from edvo.cli.scores import score_table, speed_line
 from edvo.cli.terminal import note, progress, say
 from edvo.clock import StageClock
-from edvo.datasets import Source
 from edvo.errors import DatasetError, EvaluationError
 from edvo.evaluation import Evaluation, evaluate
 from edvo.files import output_folder
@@ -72,9 +71,9 @@ def run(
             on_frame=after,
             stop=stop,
         )
-    errors = _evaluate(source, done)
+    errors = errors_of(done)
     write_results(done, folder, config, errors)
-    _report(done, folder, errors)
+    tell(done, folder, errors)
     more = extras.write(done, indices, config, errors, watch, folder)
     if more:
         say(f"wrote {', '.join(more)}")
@@ -88,17 +87,20 @@ def run(
         raise DatasetError(f"no frame could be read; the first: {done.problems[0]}")
 
 
-def _evaluate(source: Source, run: Run) -> Evaluation | None:
-    if source.ground_truth is None or not run.frames:
+def errors_of(run: Run) -> Evaluation | None:
+    """Evaluate a run if there is truth, and say why if it cannot be."""
+    truth = run.source.ground_truth
+    if truth is None or not run.frames:
         return None
     try:
-        return evaluate(source.ground_truth, run.trajectory(), len(run.frames))
+        return evaluate(truth, run.trajectory(), len(run.frames))
     except EvaluationError as error:
         note(f"warning: no errors: {error}")
         return None
 
 
-def _report(run: Run, folder: Path, errors: Evaluation | None) -> None:
+def tell(run: Run, folder: Path, errors: Evaluation | None) -> None:
+    """Print what came of a run and where it is."""
     for problem in run.problems[:_PROBLEMS_SHOWN]:
         note(f"skipped: {problem}")
     if len(run.problems) > _PROBLEMS_SHOWN:
