@@ -124,7 +124,6 @@ def download(
     *,
     progress: Progress | None = None,
     note: Callable[[str], None] | None = None,
-    pause: Callable[[float], None] = time.sleep,
 ) -> str:
     """Fetch a file, with several attempts.
 
@@ -138,8 +137,6 @@ def download(
         Is told how far it is.
     note : callable, optional
         Is told of each attempt that failed.
-    pause : callable
-        Waits for so many seconds.
 
     Returns
     -------
@@ -167,11 +164,7 @@ def download(
                 wait = min(error.wait or 2.0 ** (failures - 1), _LONGEST_WAIT_S)
                 if note is not None:
                     note(f"{error}; again in {wait:g} s")
-                pause(wait)
-            except NotThereError:
-                if not part.size:
-                    _forget(part)
-                raise
+                time.sleep(wait)
         sha256 = part.digest.hexdigest()
     try:
         part.file.replace(target)
@@ -198,15 +191,13 @@ def memory_of(part: Path) -> Path:
     return part.with_name(part.name + ".json")
 
 
-def read_small(url: str, *, pause: Callable[[float], None] = time.sleep) -> str | None:
+def read_small(url: str) -> str | None:
     """Fetch a short text, with several attempts.
 
     Parameters
     ----------
     url : str
         Its address.
-    pause : callable
-        Waits for so many seconds.
 
     Returns
     -------
@@ -234,7 +225,7 @@ def read_small(url: str, *, pause: Callable[[float], None] = time.sleep) -> str 
             failures += 1
             if failures >= UNHEARD_ATTEMPTS:
                 raise
-            pause(2.0 ** (failures - 1))
+            time.sleep(2.0 ** (failures - 1))
 
 
 @contextmanager
@@ -296,7 +287,16 @@ def _part(target: Path, url: str) -> Iterator[_Part]:
         handle = os.open(file, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o666)
         stream = os.fdopen(handle, "r+b", buffering=0)
     with stream:
-        yield _Part(file, stream, url)
+        part = _Part(file, stream, url)
+        try:
+            yield part
+        except BaseException:
+            if not part.size:
+                with contextlib.suppress(OSError):
+                    stream.close()  # before it is removed, for Windows
+                    part.memory.unlink(missing_ok=True)
+                    part.file.unlink()
+            raise
 
 
 def _receive(part: _Part, progress: Progress) -> None:
@@ -334,15 +334,7 @@ def _continues(part: _Part, answer: Answer) -> bool:
     )
 
 
-def _forget(part: _Part) -> None:
-    with contextlib.suppress(OSError):
-        part.stream.close()
-        part.file.unlink(missing_ok=True)
-        part.memory.unlink(missing_ok=True)
-
-
 def _kept(part: _Part) -> str:
     if not part.size:
-        _forget(part)
         return "try later, or another server with --mirror URL"
     return f"{part.size} bytes are kept in {part.file}, the same command goes on from there"
