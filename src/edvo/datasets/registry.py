@@ -17,6 +17,7 @@ from edvo.datasets.eth3d import Eth3dFormat
 from edvo.datasets.generic import GenericFormat
 from edvo.datasets.icl import IclFormat
 from edvo.datasets.incomplete import refuse_incomplete
+from edvo.datasets.povray import PovRayFormat
 from edvo.datasets.redwood import RedwoodFormat
 from edvo.datasets.replica import ReplicaFormat
 from edvo.datasets.ros import RosFormat
@@ -61,6 +62,7 @@ BUILT_IN: tuple[Format, ...] = (
     Eth3dFormat(),
     TumFormat(),
     RosFormat(),
+    PovRayFormat(),
     SevenScenesFormat(),
     ScanNetFormat(),
     SensFormat(),
