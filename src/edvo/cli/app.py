@@ -121,6 +121,13 @@ def run(
             metavar="KIND",
         ),
     ] = None,
+    view: Annotated[
+        bool, typer.Option("--view", help="Watch it in a window (needs edvo[view]).")
+    ] = False,
+    save_view: Annotated[
+        Path | None,
+        typer.Option(help="Write what --view shows, to be opened later.", metavar="FILE.rrd"),
+    ] = None,
 ) -> None:
     """Track a recording.
 
@@ -145,6 +152,8 @@ def run(
         stride=stride,
         report=report,
         exports=exports or [],
+        view=view,
+        save_view=save_view,
     )
 
 
