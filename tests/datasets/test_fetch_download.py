@@ -7,6 +7,7 @@ import os
 import shutil
 import socket
 import tracemalloc
+import urllib.request
 from pathlib import Path
 
 import pytest
@@ -98,8 +99,10 @@ def test_another_start_goes_on(server, tmp_path, waits):
     assert "100000 bytes are kept in" in message
     assert (tmp_path / "a.tgz.part").read_bytes() == CONTENT[:100_000]
     server.asked.clear()
-    check_whole(tmp_path, start(server, tmp_path))
+    notes = []
+    check_whole(tmp_path, start(server, tmp_path, note=notes.append))
     assert ranges(server) == ["bytes=100000-"]
+    assert notes == [f"going on after the 100000 bytes in {tmp_path / 'a.tgz.part'}"]
 
 
 def test_a_whole_part_is_only_confirmed(server, tmp_path, waits):
@@ -141,6 +144,16 @@ def test_a_part_of_unknown_origin_is_not_used(server, tmp_path, waits, memory):
         (tmp_path / "a.tgz.part.json").write_text(memory)
     check_whole(tmp_path, start(server, tmp_path))
     assert ranges(server) == [None]
+
+
+def test_a_part_is_kept_until_something_comes_in_its_place(server, tmp_path, waits):
+    server.acts = [web.breaks_off(100_000), *GIVE_UP]
+    fails(server, tmp_path)
+    with pytest.raises(DatasetError, match="is not there"):
+        download(server.url + "other/a.tgz", tmp_path / "a.tgz")
+    server.asked.clear()
+    check_whole(tmp_path, start(server, tmp_path))
+    assert ranges(server) == ["bytes=100000-"]
 
 
 def test_a_server_that_knows_no_ranges(server, tmp_path, waits):
@@ -201,6 +214,17 @@ def test_redirects_elsewhere_are_not(server, tmp_path, waits, location):
     assert len(server.asked) < 20
 
 
+@pytest.mark.parametrize("location", ["http://b/a.tgz", "ftp://b/a.tgz", "file:///etc/passwd"])
+def test_no_redirect_leaves_an_encrypted_connection(location):
+    asked = urllib.request.Request("https://a/a.tgz")
+    with pytest.raises(DatasetError, match="which is not encrypted; not followed"):
+        transport._SafeRedirects().redirect_request(asked, None, 302, "Found", {}, location)
+    followed = transport._SafeRedirects().redirect_request(
+        asked, None, 302, "Found", {}, "https://b/a.tgz"
+    )
+    assert followed.full_url == "https://b/a.tgz"
+
+
 @pytest.mark.parametrize(
     ("act", "words"),
     [
@@ -254,7 +278,9 @@ def test_a_proxy_that_lets_nothing_through(server, tmp_path, waits, monkeypatch)
     monkeypatch.setenv("https_proxy", server.url.replace("//", "//user:secret@"))
     with pytest.raises(DatasetError) as caught:
         download("https://example.org/a.tgz", tmp_path / "a.tgz")
-    assert "example.org: the proxy of https_proxy does not let through" in str(caught.value)
+    assert "example.org: the proxy of https_proxy refuses (tunnel connection failed: 501" in str(
+        caught.value
+    )
     assert "secret" not in str(caught.value)
 
 
@@ -350,7 +376,17 @@ def test_good_addresses(url):
 
 @pytest.mark.parametrize(
     "url",
-    ["", "host", "/data", "file:///data", "ftp://host/", "http://", "http://h:x", "http://a b"],
+    [
+        "",
+        "host",
+        "/data",
+        "file:///data",
+        "ftp://host/",
+        "http://",
+        "http://h:x",
+        "http://me:secret@host/",
+        "http://a b",
+    ],
 )
 def test_bad_addresses(url):
     with pytest.raises(DatasetError, match="is no address of a server"):

@@ -180,6 +180,7 @@ def _unpack_tar(
     limit: int,
     progress: Callable[[int, int], None],
 ) -> None:
+    check_room(folder, size)
     writer = _Writer(folder, limit)
     with gzip.GzipFile(fileobj=stream) as plain:
         for header, name, length in _tar_members(plain):

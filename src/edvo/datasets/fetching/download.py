@@ -74,8 +74,6 @@ class _Part:
             while block := self.stream.read(_BLOCK):
                 self.digest.update(block)
                 self.size += len(block)
-        if not self.size:
-            self.restart()
 
     @property
     def memory(self) -> Path:
@@ -83,7 +81,7 @@ class _Part:
         return memory_of(self.file)
 
     def restart(self) -> None:
-        """Throw away what is there."""
+        """Throw away what is there: only when something comes in its place."""
         self.stream.seek(0)
         self.stream.truncate()
         self.size, self.digest = 0, hashlib.sha256()
@@ -136,7 +134,7 @@ def download(
     progress : callable, optional
         Is told how far it is.
     note : callable, optional
-        Is told of each attempt that failed.
+        Is told of each attempt that failed, and of what is there already.
 
     Returns
     -------
@@ -152,6 +150,8 @@ def download(
     """
     with _part(target, url) as part:
         failures, most, heard = 0, part.size, False
+        if part.size and note is not None:
+            note(f"going on after the {part.size} bytes in {part.file}")
         while True:
             try:
                 _receive(part, progress or (lambda done, total: None))
@@ -291,11 +291,11 @@ def _part(target: Path, url: str) -> Iterator[_Part]:
         try:
             yield part
         except BaseException:
-            if not part.size:
-                with contextlib.suppress(OSError):
+            with contextlib.suppress(OSError):
+                if not file.stat().st_size:
                     stream.close()  # before it is removed, for Windows
                     part.memory.unlink(missing_ok=True)
-                    part.file.unlink()
+                    file.unlink()
             raise
 
 
@@ -307,6 +307,7 @@ def _receive(part: _Part, progress: Progress) -> None:
             if answer.start:
                 raise TransientError(f"{part.url}: the file has changed, from its beginning", 0.001)
         if not part.size:
+            part.restart()
             part.describe(answer.total, answer.validator)
         elif part.total is None:
             part.total = answer.total

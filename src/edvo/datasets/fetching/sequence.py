@@ -133,8 +133,8 @@ def fetch(
             raise DatasetError(f"{error}; it is removed") from error
         if checked_by is None:
             watch.note(
-                f"no checksum of {entry.file} is known: its SHA-256 is now in {out / SUMS_FILE}, "
-                "and will be asked of it from now on"
+                f"no checksum of {entry.file} is known: its SHA-256 is kept in {out / SUMS_FILE} "
+                "and checked from now on"
             )
         remember(out, entry.file, sha256)
         if not keep_archive and not own:

@@ -116,6 +116,7 @@ def check_url(url: str) -> str:
     try:
         parts = urlsplit(url)
         good = parts.scheme in ("http", "https") and parts.hostname and parts.port != 0
+        good = good and parts.username is None  # urllib would take it for the server's name
     except ValueError:
         good = False
     if not good or re.search(r"[\s\x00-\x1f?#]", url):
@@ -253,7 +254,7 @@ def _failure(url: str, error: Exception, *, heard: bool = True) -> DatasetError:
         return DatasetError(f"{url}: no such address can be; check it")
     words = (getattr(reason, "strerror", None) or str(reason) or type(reason).__name__).lower()
     if proxy and words.startswith("tunnel connection failed"):
-        return DatasetError(f"{host}: the proxy of {proxy} does not let through ({words})")
+        return DatasetError(f"{host}: the proxy of {proxy} refuses ({words})")
     words = " ".join(words.split())
     return TransientError(f"{host}: no connection{through} ({words})", heard=heard)
 
