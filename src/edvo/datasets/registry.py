@@ -18,6 +18,7 @@ from edvo.datasets.generic import GenericFormat
 from edvo.datasets.icl import IclFormat
 from edvo.datasets.incomplete import refuse_incomplete
 from edvo.datasets.povray import PovRayFormat
+from edvo.datasets.realsense_recording import RealSenseFormat
 from edvo.datasets.redwood import RedwoodFormat
 from edvo.datasets.replica import ReplicaFormat
 from edvo.datasets.ros import RosFormat
@@ -61,6 +62,7 @@ BUILT_IN: tuple[Format, ...] = (
     BonnFormat(),
     Eth3dFormat(),
     TumFormat(),
+    RealSenseFormat(),  # a ROS bag with topics of its own
     RosFormat(),
     PovRayFormat(),
     SevenScenesFormat(),
