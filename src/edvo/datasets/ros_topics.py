@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from edvo.datasets.images import compressed_size
 from edvo.datasets.ros_bag import Bag, Topic
 from edvo.datasets.ros_images import (
-    compressed_size,
     is_16_bit_png,
     is_colour,
     is_compressed_depth,
