@@ -302,6 +302,8 @@ def compare(
     ] = 1,
     camera: CameraFile = None,
     format: FormatName = None,
+    colour_topic: ColourTopic = None,
+    depth_topic: DepthTopic = None,
     light: Annotated[
         str | None,
         typer.Option(
@@ -339,6 +341,8 @@ def compare(
         repeats=repeats,
         camera=camera,
         format=format,
+        colour_topic=colour_topic,
+        depth_topic=depth_topic,
         light=light,
         severity=severity,
         start=start,
