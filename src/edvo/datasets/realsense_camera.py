@@ -14,12 +14,9 @@ from edvo.datasets.ros_camera import fit_brown
 from edvo.errors import CameraError, DatasetError
 
 _GRID = 24  # points a side
-_NONE, _BROWN, _MODIFIED, _INVERSE = (
-    "none",
-    "brown conrady",
-    "modified brown conrady",
-    "inverse brown conrady",
-)
+_BROWN = "brown conrady"
+# The SDK projects by the same formula for both, and inverts it by iteration.
+_MOVED_FIRST = ("modified brown conrady", "inverse brown conrady")
 
 
 def realsense_camera(
@@ -83,14 +80,11 @@ def _distortion(
         ((u.ravel() - camera.cx) / camera.fx, (v.ravel() - camera.cy) / camera.fy)
     )
     given = k1, k2, p1, p2, k3
-    if kind == _INVERSE:  # the polynomial leads from the image to the ray
-        return fit_brown(_brown(shown, given, scaled=False), shown, camera, name)
-    if kind == _MODIFIED:
-        # Brown's, but that the tangential part is of the point already moved.
+    if kind in _MOVED_FIRST:
         ideal = shown.copy()
         for _ in range(50):
-            ideal += shown - _brown(ideal, given, scaled=True)
-        if not np.abs(shown - _brown(ideal, given, scaled=True)).max() < 1e-6:
+            ideal += shown - _project(ideal, given)
+        if not np.abs(shown - _project(ideal, given)).max() < 1e-6:
             raise DatasetError(f"{name} has distortion that folds the image; add --camera FILE")
         return fit_brown(ideal, shown, camera, name)
     raise DatasetError(
@@ -99,19 +93,14 @@ def _distortion(
     )
 
 
-def _brown(
-    rays: NDArray[np.float64], coefficients: tuple[float, ...], *, scaled: bool
-) -> NDArray[np.float64]:
+def _project(rays: NDArray[np.float64], coefficients: tuple[float, ...]) -> NDArray[np.float64]:
+    """Brown's model, but that the tangential part is of the point that was moved radially."""
     k1, k2, p1, p2, k3 = coefficients
-    x, y = rays.T
-    s = x * x + y * y
-    radial = 1 + s * (k1 + s * (k2 + s * k3))
-    moved_x, moved_y = x * radial, y * radial
-    if scaled:
-        x, y = moved_x, moved_y
+    s = (rays * rays).sum(axis=1)
+    x, y = (rays * (1 + s * (k1 + s * (k2 + s * k3)))[:, None]).T
     return np.column_stack(
         (
-            moved_x + 2 * p1 * x * y + p2 * (s + 2 * x * x),
-            moved_y + 2 * p2 * x * y + p1 * (s + 2 * y * y),
+            x + 2 * p1 * x * y + p2 * (s + 2 * x * x),
+            y + 2 * p2 * x * y + p1 * (s + 2 * y * y),
         )
     )
