@@ -192,7 +192,7 @@ class PlanesConfig(Section):
         "as if they scattered by this much more",
     )
     doubt: Positive = Field(
-        default=0.7,
+        default=1.5,
         description="depth counts half where its residuals are this large in units of the "
         "sensor's noise: beyond noise, errors are not independent from point to point",
     )
@@ -287,6 +287,20 @@ class StatusConfig(Section):
     )
     doubt_inliers: Fraction = Field(
         default=0.65, description="share below which a tracked frame is called degraded"
+    )
+    min_agreeing: Fraction = Field(
+        default=0.4,
+        description="share of the samples that are inliers and whose gradient is that of their "
+        "match, to 45 degrees, below which the frame is lost: where edges are dense, those of "
+        "another place fit too, but 18 % at most agree. Not in the paper",
+    )
+    doubt_agreeing: Fraction = Field(
+        default=0.5, description="share below which a tracked frame is called degraded"
+    )
+    depth_jump: Positive = Field(
+        default=3.0,
+        description="a frame whose depth is off the planes of the keyframe by so many times the "
+        "most that it was of late is degraded. Not in the paper",
     )
     max_depth_sigma: Positive = Field(
         default=5.0,
@@ -471,6 +485,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "keyframes": {"stored": 0},
         "sampling": {"count": 450},
         "registration": {"weight": "t"},
+        "status": {"min_agreeing": 0.0, "doubt_agreeing": 0.0},
     },
 }
 

@@ -33,7 +33,11 @@ LOOP_M, LOOP_RAD = 0.03, math.radians(1.5)  # that a frame found again may be of
 RECOVERY_PERIOD_S = 0.15  # then it is held against the stored keyframes no more often than that
 # Lost for longer, by time and by frames, a frame may show any place that was seen before.
 LONG_LOST_S, LONG_LOST_FRAMES = 0.3, 3
+MILD_SIGMA = 1.5  # times the sensor's noise, up to which depth raises no doubt
+FADING = 0.97  # a frame, of the worst fit of depth seen of late
 AGREEING_SIGMA = 3.0  # times the sensor's noise, at which depth agrees half
+FREEZE_S = 0.3  # for so long images may repeat: a recorder wrote one twice
+SIGHT_STRIDE = 8  # one pixel in so many, by row and column, tells whether an image is a new one
 NOMINAL_PERIOD_S = 1 / 30  # stands in where stamps repeat, all but repeat, or go back
 
 
@@ -162,6 +166,9 @@ class Odometry:
         self._last_time: float | None = None
         self._last_recovery = -math.inf
         self._losses = 0  # frames in a row
+        self._sight = np.empty((0, 0), np.uint8)  # of the last image
+        self._sight_time = -math.inf
+        self._usual_depth = math.inf  # the largest sigma_depth of late
         self._count = 0
         self._timestamps: list[float] = []
         self._poses: list[NDArray[np.float64]] = []
@@ -195,6 +202,8 @@ class Odometry:
         """
         self._check_size(frame)
         config, clock = self.config, self._clock
+        if self._repeats(frame):
+            return self._hold(frame.timestamp)
         with clock("edges"):
             edges = extract_edges(frame.grey, config.edges, self._buffers)
         with clock("sampling"):
@@ -241,6 +250,24 @@ class Odometry:
             ``LOST``, with a predicted pose.
         """
         return self._lose(timestamp, reason, 0, 0, None)
+
+    def _repeats(self, frame: Frame) -> bool:
+        """Whether an image is the very same as the last one, which no sensor's noise allows."""
+        sight = frame.grey[::SIGHT_STRIDE, ::SIGHT_STRIDE]
+        if np.array_equal(sight, self._sight) and sight.min() < sight.max():
+            return True
+        self._sight, self._sight_time = sight.copy(), frame.timestamp
+        return False
+
+    def _hold(self, timestamp: float) -> TrackedFrame:
+        """Stay at the last pose while an image repeats, but not for long: the camera may move."""
+        age = timestamp - self._sight_time
+        if self._keyframe is None or self._losses or abs(age) > FREEZE_S:
+            reason = f"the same image for {age:.2f} s: the stream is frozen"
+            return self._lose(timestamp, reason, 0, 0, None)
+        reason = "the same image as before"
+        index, T_key_cur = self._keyframe.index, self._T_key_last
+        return self._keep(timestamp, Status.DEGRADED, reason, T_key_cur, index)
 
     def _register(
         self,
@@ -335,6 +362,7 @@ class Odometry:
             alignment.converged
             and alignment.reason not in FAILURES
             and alignment.inliers >= status.doubt_inliers * len(alignment.matches)
+            and alignment.agreeing >= status.doubt_agreeing * len(alignment.matches)
             and not (alignment.depth_balance and alignment.sigma_depth > status.max_depth_sigma)
         )
 
@@ -352,10 +380,18 @@ class Odometry:
                 f"{self.camera.width} x {self.camera.height}; give the camera of these images"
             )
 
+    def _note_depth(self, sigma: float) -> None:
+        """Remember how badly depth fits where all is well: that differs from camera to camera."""
+        faded = 0.0 if math.isinf(self._usual_depth) else FADING * self._usual_depth
+        self._usual_depth = max(sigma, faded)
+
     def _begin(self, seen: Seen) -> TrackedFrame:
         """Take the first usable frame as the first keyframe."""
         self._set_keyframe(seen)
-        return self._keep(seen, Status.TRACKED, "", np.eye(4), -1, True, None)
+        self._last_time = timestamp = seen.frame.timestamp
+        return self._keep(
+            timestamp, Status.TRACKED, "", np.eye(4), -1, is_keyframe=True, seen=seen
+        )
 
     def _accept(
         self, seen: Seen, status: Status, reason: str, alignment: Alignment
@@ -363,31 +399,44 @@ class Odometry:
         """Move on to the pose found, and to a new keyframe where one is due."""
         assert self._keyframe is not None
         keyframe, T_key_cur = self._keyframe, alignment.T_ref_cur
-        period = self._period(seen.frame.timestamp)
+        timestamp = seen.frame.timestamp
+        period = self._period(timestamp)
+        self._last_time = timestamp
         self._velocity = se3.log(se3.inverse(self._T_key_last) @ T_key_cur) / period
         self._T_key_last = T_key_cur
+        if status is Status.TRACKED and alignment.depth_balance:
+            self._note_depth(alignment.sigma_depth)
         self._T_world_last = keyframe.T_world_key @ T_key_cur
         share = alignment.inliers / len(seen.samples)
         due = is_due(self.config.keyframes, T_key_cur, share, self._count - keyframe.index)
         if due:
             self._set_keyframe(seen)
-        return self._keep(seen, status, reason, T_key_cur, keyframe.index, due, alignment)
+        return self._keep(
+            timestamp,
+            status,
+            reason,
+            T_key_cur,
+            keyframe.index,
+            is_keyframe=due,
+            seen=seen,
+            alignment=alignment,
+        )
 
     def _keep(
         self,
-        seen: Seen,
+        timestamp: float,
         status: Status,
         reason: str,
         T_key_cur: NDArray[np.float64],
         keyframe: int,
-        is_keyframe: bool,
-        alignment: Alignment | None,
+        *,
+        is_keyframe: bool = False,
+        seen: Seen | None = None,
+        alignment: Alignment | None = None,
     ) -> TrackedFrame:
-        timestamp = seen.frame.timestamp
         if self._losses:
             logger.info("frame %d: found again", self._count)
         self._losses = 0
-        self._last_time = timestamp
         self._timestamps.append(timestamp)
         self._poses.append(self._T_world_last)
         self._count += 1
@@ -400,8 +449,8 @@ class Odometry:
             T_key_cur=T_key_cur,
             keyframe=keyframe,
             is_keyframe=is_keyframe,
-            edges=len(seen.edges),
-            samples=len(seen.samples),
+            edges=len(seen.edges) if seen else 0,
+            samples=len(seen.samples) if seen else 0,
             alignment=alignment,
         )
 
@@ -470,8 +519,11 @@ class Odometry:
             return Status.LOST, alignment.reason
         status, motion = self.config.status, self.config.motion
         share = alignment.inliers / len(alignment.matches)
+        agreeing = alignment.agreeing / len(alignment.matches)
         if share < status.min_inliers:
             return Status.LOST, f"only {share:.0%} of the samples fit"
+        if agreeing < status.min_agreeing:
+            return Status.LOST, f"only {agreeing:.0%} of the samples fit edges that are turned alike"
         T_last_cur = se3.inverse(self._T_key_last) @ alignment.T_ref_cur
         period = self._period(timestamp)
         speed = math.hypot(*T_last_cur[:3, 3].tolist()) / period
@@ -483,6 +535,11 @@ class Odometry:
             doubt = alignment.reason
         elif share < status.doubt_inliers:
             doubt = f"only {share:.0%} of the samples fit"
+        elif agreeing < status.doubt_agreeing:
+            doubt = f"only {agreeing:.0%} of the samples fit edges that are turned alike"
+        elif alignment.sigma_depth > max(status.depth_jump * self._usual_depth, MILD_SIGMA):
+            times = alignment.sigma_depth / self._usual_depth
+            return Status.DEGRADED, f"depth is off the keyframe's by {times:.0f} times the usual"
         if doubt and alignment.depth_balance and alignment.sigma_depth > status.max_depth_sigma:
             return Status.LOST, f"{doubt}, and depth contradicts the edges"
         return (Status.DEGRADED, doubt) if doubt else (Status.TRACKED, "")
@@ -492,7 +549,7 @@ def _agreement(alignment: Alignment, key: Keyframe, points: PlanePoints) -> floa
     """Say how well a registration fits, from 0 to 1: the edges' share, times that of depth."""
     if alignment.reason in FAILURES:
         return 0.0
-    edges = alignment.inliers / len(alignment.matches)
+    edges = alignment.agreeing / len(alignment.matches)
     if not len(points.sigma) or not key.planes.offsets.any():
         return edges
     near = alignment.plane_points / len(points.sigma)

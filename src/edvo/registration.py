@@ -5,6 +5,7 @@ and the pose is moved until the signed distances along the edges' normals (Eq. 1
 iteratively re-weighted least squares (Eq. 13) with Levenberg-Marquardt steps (Eq. 14).
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,7 @@ from edvo.planes import NO_PLANES, NO_POINTS, DepthTerm, PlaneMap, PlanePoints, 
 from edvo.robust import TUNING, WEIGHTS
 
 RESIDUALS = {"divergence": kernels.SIGNED, "distance": kernels.DISTANCE}
+AGREEING = math.cos(math.radians(45))  # of gradients, even if the camera has rolled a little
 EDGES_ALONE = DepthTerm(weight=0.0, doubt=1.0, edge_doubt=0.0, min_dot=1.0, limit=0.0, min_points=1)
 STAGES = {"robust-then-normal": (0, 1), "robust": (0, 0), "normal": (1, 1)}
 REASONS = {
@@ -79,6 +81,9 @@ class Alignment:
         Pixels; NaN where there is no match.
     inliers : int
         Matches with a residual below ``StatusConfig.inlier_px``.
+    agreeing : int
+        Inliers whose gradient is that of their match, to 45 degrees: where edges are dense, a
+        neighbour is found near any pixel, but one that is turned alike only by chance.
     sigma_px : float
         Scale of the residuals.
     plane_points : int
@@ -104,6 +109,7 @@ class Alignment:
     matches: NDArray[np.int32]
     residuals: NDArray[np.float64]
     inliers: int
+    agreeing: int
     sigma_px: float
     plane_points: int
     sigma_depth: float
@@ -246,12 +252,17 @@ class Registration:
         )
         residuals = np.full(n, np.nan)
         residuals[matches >= 0] = packed[:count]
+        fits = np.zeros(n, np.bool_)
+        fits[matches >= 0] = np.abs(packed[:count]) < self._inlier_px
+        normals = reference.edges.gradients[matches[fits]]
+        cosines = np.einsum("ij,ij->i", normals, samples.gradients[fits])
         return Alignment(
             T_ref_cur=T,
             H=H,
             matches=matches,
             residuals=residuals,
-            inliers=int(np.count_nonzero(np.abs(packed[:count]) < self._inlier_px)),
+            inliers=int(np.count_nonzero(fits)),
+            agreeing=int(np.count_nonzero(cosines > AGREEING)),
             sigma_px=sigma,
             plane_points=on_planes,
             sigma_depth=sigma_depth,
