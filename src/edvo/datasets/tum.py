@@ -27,6 +27,7 @@ from edvo.datasets.association import MAX_DIFFERENCE_S, associate
 from edvo.datasets.known_cameras import choose_camera
 from edvo.datasets.listed import CameraChoice, ImagePair, Truth, pair_source
 from edvo.datasets.source import Source
+from edvo.datasets.text_files import check_size, read_text
 from edvo.errors import DatasetError, TrajectoryError
 from edvo.trajectory import Trajectory
 
@@ -227,8 +228,9 @@ def read_truth(
     if not file.exists():
         return None, ()
     try:
+        check_size(file, "it must hold poses")
         truth = Trajectory.read(file)
-    except TrajectoryError as error:
+    except (DatasetError, TrajectoryError) as error:
         return None, (f"ground truth not used: {error}",)
     times, poses = truth.timestamps, truth.poses
     if listed.by_index and all(is_index(stamp) for stamp in truth.stamps):
@@ -329,12 +331,7 @@ def read_pairs(file: Path) -> list[Row]:
 
 def _fields(file: Path, wanted: str) -> list[tuple[int, list[str]]]:
     """Split the rows of a list, with their line numbers; only the last field may hold blanks."""
-    try:
-        text = file.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise DatasetError(f"cannot read {file}: {error.strerror or error}") from error
-    except UnicodeDecodeError as error:
-        raise DatasetError(f"{file} is no text file; give rows of '{wanted}'") from error
+    text = read_text(file, f"give rows of '{wanted}'")
     rows = []
     for line, content in enumerate(text.split("\n"), start=1):
         row = content.strip()
