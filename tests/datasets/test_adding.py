@@ -86,7 +86,7 @@ def test_it_is_found_in_an_installed_package(tmp_path):
 
 
 @pytest.mark.parametrize("name", [known.name for known in registry.BUILT_IN])
-def test_each_format_has_a_page_with_its_folder(name):
+def test_each_format_has_a_page_with_its_files(name):
     rows = [
         row
         for row in (ROOT / "docs/data.md").read_text().splitlines()
@@ -94,4 +94,4 @@ def test_each_format_has_a_page_with_its_folder(name):
     ]
     assert len(rows) == 1
     page = ROOT / "docs" / (re.findall(r"\{doc\}`([\w/]+)`", rows[0])[0] + ".md")
-    assert "```text\n" in page.read_text()
+    assert "```" in page.read_text()
