@@ -139,7 +139,7 @@ def test_is_tracked_and_counts_what_the_driver_dropped(software: Software) -> No
 
 
 def test_a_camera_that_falls_silent(software: Software, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("edvo.datasets.devices.realsense._LONGEST_WAIT_S", 0.5)
+    monkeypatch.setattr("edvo.datasets.devices.waiting.LONGEST_S", 0.5)
     camera = RealSense(software.device)
     with pytest.raises(DatasetError, match=r"Fake D435 0123: no image for 0\.5 s"):
         next(camera.readings())

@@ -12,6 +12,7 @@ import numpy as np
 
 from edvo.camera import Camera
 from edvo.datasets.devices.package import load_package
+from edvo.datasets.devices.waiting import WAIT_MS, Counter, images_of
 from edvo.datasets.realsense_camera import realsense_camera
 from edvo.datasets.source import Reading
 from edvo.errors import DatasetError, FrameError
@@ -19,8 +20,6 @@ from edvo.frame import Frame
 
 # What the tracker's thresholds were found with; what a camera has nearest to it is taken.
 _WIDTH, _HEIGHT, _RATE = 640, 480, 30
-_WAIT_MS = 500
-_LONGEST_WAIT_S = 5.0
 
 
 def open_realsense(serial: str, camera: Camera | None) -> "RealSense":
@@ -89,7 +88,7 @@ class RealSense:
         self.path = Path("realsense" + (f":{parts[1]}" if len(parts) > 1 else ""))
         self._device = device  # its sensors live as long as it does
         self._closed = threading.Event()
-        self._missed = 0
+        self._count = Counter()
         self._running: list[Any] = []
         try:
             self._start(camera)
@@ -105,31 +104,23 @@ class RealSense:
     @property
     def missed(self) -> int:
         """Colour images so far whose number never came."""
-        return self._missed
+        return self._count.missed
 
     def readings(self) -> Generator[Reading, None, None]:
         """Wait for each pair of images."""
         align = self._sdk.align(self._sdk.stream.color)
-        waited, index, last = 0.0, 0, -1
-        while not self._closed.is_set():
-            came, images = self._syncer.try_wait_for_frames(_WAIT_MS)
-            if not came:
-                waited += _WAIT_MS / 1000
-                if waited >= _LONGEST_WAIT_S:
-                    raise DatasetError(
-                        f"{self.name}: no image for {_LONGEST_WAIT_S:g} s; see to its cable"
-                    )
-                continue
+        index = 0
+        for images in images_of(self._take, self.name, self._closed):
             if not images.get_depth_frame() or not images.get_color_frame():
                 continue  # the one without the other
-            number = images.get_color_frame().get_frame_number()
-            if number == last:  # the same image beside the next depth image
-                continue
-            if last >= 0:
-                self._missed += max(number - last - 1, 0)
-            waited, last = 0.0, number
+            if not self._count.is_new(images.get_color_frame().get_frame_number()):
+                continue  # the same image beside the next depth image
             yield self._reading(index, align.process(images))
             index += 1
+
+    def _take(self) -> Any:
+        came, images = self._syncer.try_wait_for_frames(WAIT_MS)
+        return images if came else None
 
     def close(self) -> None:
         """Stop the camera."""

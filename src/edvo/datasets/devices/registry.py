@@ -41,6 +41,8 @@ def device_kinds() -> tuple[DeviceKind, ...]:
         DeviceKind(
             "realsense", "realsense or realsense:SERIAL, a RealSense (edvo[realsense])", _realsense
         ),
+        DeviceKind("orbbec", "orbbec or orbbec:SERIAL, an Orbbec (pyorbbecsdk2)", _orbbec),
+        DeviceKind("oak", "oak or oak:ID, an OAK-D (depthai)", _oak),
         DeviceKind("replay", "replay:RECORDING, played in real time", _replay),
     )
 
@@ -87,6 +89,18 @@ def _realsense(which: str, camera: Camera | None) -> Device:
     from edvo.datasets.devices.realsense import open_realsense
 
     return open_realsense(which, camera)
+
+
+def _orbbec(which: str, camera: Camera | None) -> Device:
+    from edvo.datasets.devices.orbbec import Orbbec
+
+    return Orbbec(which, camera)
+
+
+def _oak(which: str, camera: Camera | None) -> Device:
+    from edvo.datasets.devices.oak import Oak
+
+    return Oak(which, camera)
 
 
 def _replay(which: str, camera: Camera | None) -> Device:
