@@ -26,6 +26,7 @@ AGREEMENT = 3.0  # pixels of an image 640 wide within which both halves of the f
 SCALES = (0.7, 0.77, 0.84, 0.92, 1.09, 1.19, 1.3, 1.42)
 BETTER_SCALED = 1.25  # how much better depth must fit when enlarged or reduced
 FRAMES, SCALED_FRAMES = 18, 6  # that are looked at, and that are tried at all scales
+FEWEST_FRAMES = 5  # one alone may fit anywhere by chance
 FEWEST = 100  # edge pixels of depth a frame, reduced; below that there is nothing to compare
 LEAST_FIT = 0.06  # mean agreement of directions at the best offset, weighted by contrast
 
@@ -68,6 +69,8 @@ def check_registration(frames: Sequence[Frame]) -> Finding:
     """
     name = "registration"
     width = frames[0].grey.shape[1]
+    if len(frames) < FEWEST_FRAMES:
+        return Finding(name, undecided="too few frames")
     fields = list(_fields(frames))
     edges = float(np.mean([np.count_nonzero(depth.any(axis=2)) for _, depth in fields]))
     if edges < FEWEST:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from edvo.datasets.inspection.finding import Finding
 from edvo.datasets.inspection.thumbnail import Thumbnail, colour_change, depth_change
 
-FARTHEST = 3  # frames of delay that are looked for
+FARTHEST = 4  # frames of delay that are looked for
 AGREEMENT = 0.6  # correlation at the best delay that can be trusted
 SHARPNESS = 0.15  # and how much lower it must be two frames off
 # Correlation lost at no delay against the best: 0.08 on TUM fr1, whose depth is half a frame off.
