@@ -428,22 +428,6 @@ def test_no_room(tmp_path: Path) -> None:
         assert [each.name for each in tmp_path.iterdir()] == ["whole.rrd"], share
 
 
-def test_no_room_for_the_end_alone(tmp_path: Path) -> None:
-    pytest.importorskip("rerun", reason="rerun-sdk is not installed")
-    sizes = []
-    for attempt in range(2):
-        output = viewer_outputs.RrdFile(tmp_path / "view.rrd")
-        with largest_file(sizes[0] - 20 if attempt else resource.RLIM_INFINITY):
-            if attempt:
-                with pytest.raises(OutputError, match="room"):
-                    output.close()
-                assert list(tmp_path.iterdir()) == []
-            else:
-                output.close()
-                sizes.append((tmp_path / "view.rrd").stat().st_size)
-                (tmp_path / "view.rrd").unlink()
-
-
 def test_a_file_without_its_end_is_none(tmp_path: Path) -> None:
     pytest.importorskip("rerun", reason="rerun-sdk is not installed")
     output = viewer_outputs.RrdFile(tmp_path / "view.rrd")
