@@ -69,6 +69,8 @@ def live(
             tell(done, folder, errors)
     if failure is not None:
         raise DatasetError(f"{failure}; {folder} holds all that was tracked")
+    if not done.track_times.size:
+        raise DatasetError(f"no frame could be used; the first: {done.problems[0]}")
 
 
 def _track(
