@@ -50,7 +50,7 @@ def write(kind: str, path: Path, device: Device, shown: Any) -> Path:
     written = write_new(path.with_suffix(".db3"), device, shown)
     gc.collect()  # the SDK closes the file when nothing holds it any more
     with written.open("rb") as stream:
-        is_old = stream.read(7) == b"#ROSBAG"  # of version 2.56, whatever the name
+        is_old = stream.read(7) == b"#ROSBAG"  # of version 2.57 and before, whatever the name
     return written.rename(written.with_suffix(".bag")) if is_old else written
 
 
