@@ -260,3 +260,11 @@ def test_unreadable_frames_are_named(handheld: Remembered) -> None:
     given = Given([frame, None], handheld.camera)
     assert inspect(given) == ["1.png is cut short"]  # type: ignore[arg-type]
     assert inspect(Given([None], handheld.camera)) == ["0.png is cut short"]  # type: ignore[arg-type]
+
+
+def test_images_of_several_sizes_are_named(handheld: Remembered) -> None:
+    frame = handheld.read(0).frame
+    assert frame is not None
+    half = Frame(1 / 30, frame.grey[::2, ::2].copy(), frame.depth[::2, ::2].copy())
+    warnings = inspect(Given([frame, half], handheld.camera))  # type: ignore[arg-type]
+    assert warnings == ["frame 1 is 160 x 120, those before it 320 x 240: give images of one size"]
