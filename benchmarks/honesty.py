@@ -8,7 +8,7 @@ say ``lost``, then which frames these are.
 
 A tracked frame is wrong
 
-- if the trajectory up to it went wrong by more than 0.1 m a second: see
+- if within the last second the trajectory went wrong by more than 0.1 m: see
   ``edvo.evaluation.honesty.error_speed``. The truth is that at the frame's stamp: the camera moves
   on while its images are frozen, black or covered;
 - whatever its pose, if its images do not come from where the camera is: they are another camera's,
@@ -203,7 +203,8 @@ def judge(recorded: Recorded, kind: str, foreign: Sequence[Frame], config: Confi
     elsewhere = np.array([one.fault == "swapped" for one in shown]) | (frozen & ~fresh)
     tracked = _status(results, Status.TRACKED)
     poses = np.array([result.T_world_cam for result in results])
-    speed = error_speed(times, recorded.truth, poses, tracked & ~elsewhere & ~frozen)
+    given = ~_status(results, Status.LOST) & ~elsewhere & ~frozen
+    speed = np.where(tracked, error_speed(times, recorded.truth, poses, given), np.nan)
     wrong = (speed > WRONG_M_S) | (elsewhere & tracked)
     return Outcome(shown, results, speed, wrong, good)
 

@@ -154,6 +154,17 @@ def holding(write: Callable[[Path], Path], file: str, content: bytes | str | Non
     return spoiled
 
 
+def swollen(write: Callable[[Path], Path], file: str):
+    """Let a file be ten gigabytes of nothing, which the disk does not hold."""
+
+    def spoiled(folder: Path) -> Path:
+        path = write(folder)
+        os.truncate(path / file, 10_000_000_000)
+        return path
+
+    return spoiled
+
+
 def each_image(write: Callable[[Path], Path], pattern: str, spoil: Callable[[bytes], bytes]):
     def spoiled(folder: Path) -> Path:
         path = write(folder)
@@ -291,6 +302,21 @@ CASES = {
     ),
     "list that is no text": Case(holding(tum, "rgb.txt", b"\xff\xfe\x89PNG"), "rgb.txt"),
     "list without rows": Case(holding(tum, "depth.txt", "# nothing\n"), "depth.txt"),
+    "list of ten gigabytes": Case(swollen(tum, "depth.txt"), "depth.txt has 10000000000 bytes"),
+    "numbers of ten gigabytes": Case(
+        swollen(lambda to: write_eth3d(to / "a", recording()), "calibration.txt"),
+        "calibration.txt has 10000000000 bytes",
+    ),
+    "camera of ten gigabytes": Case(swollen(tum, "camera.yaml"), "camera.yaml has 10000000000"),
+    "metadata of ten gigabytes": Case(
+        swollen(bag("mcap"), "metadata.yaml"), "metadata.yaml has 10000000000"
+    ),
+    "true poses of ten gigabytes": Case(
+        swollen(tum, "groundtruth.txt"), "groundtruth.txt has 10000000000", frames_left=True
+    ),
+    "one image of ten gigabytes": Case(
+        swollen(tum, "rgb/0.033333.png"), "0.033333.png has 10000000000 bytes", frames_left=True
+    ),
     "list that is gone": Case(holding(tum, "depth.txt", None), "depth.txt is missing"),
     "list with a time of 5000 digits": Case(
         holding(tum, "rgb.txt", "9" * 5000 + " rgb/0.000000.png\n"), "rgb.txt"

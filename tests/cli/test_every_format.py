@@ -266,7 +266,9 @@ def test_a_sample_is_tracked_as_its_twin(edvo: Command, tmp_path: Path, name: st
 
 def test_no_format_is_left_out() -> None:
     known = {each.name for each in registry.BUILT_IN}
-    assert {sample.format for sample in SAMPLES.values()} == known
+    # Written and read by packages of their own, for which their tests ask.
+    elsewhere = {"realsense", "azure"}
+    assert {sample.format for sample in SAMPLES.values()} == known - elsewhere
 
 
 def bag_of_real(folder: Path, to: Path, kind: str, frames: int, *, packed: bool) -> Path:

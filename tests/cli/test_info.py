@@ -11,6 +11,7 @@ def test_says_what_is_assumed(edvo: Command, whole_sequence: Path) -> None:
     assert "frames: 36" in done.out
     assert "depth scale 5000" in done.out.replace("_", " ")
     assert "warning" not in done.out
+    assert "not checked: focal length: the camera turns too little" in done.out
 
 
 def test_json_is_for_programs(edvo: Command, whole_sequence: Path) -> None:
@@ -20,6 +21,10 @@ def test_json_is_for_programs(edvo: Command, whole_sequence: Path) -> None:
     assert described["ground_truth"]["poses"] == 36
     assert abs(described["frame_rate_hz"] - 20.0) < 1e-6
     assert described["warnings"] == []
+    assert described["checks"]["depth range"]["verdict"] == "sound"
+    focal = described["checks"]["focal length"]
+    assert focal["verdict"] == "not observable"
+    assert "turns too little" in focal["why"]
 
 
 def test_warns_of_a_depth_scale_that_cannot_be(edvo: Command, sequence: Path) -> None:

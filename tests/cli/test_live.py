@@ -9,6 +9,8 @@ import sys
 from collections.abc import Generator
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from edvo.datasets import Reading, open_source
@@ -96,6 +98,23 @@ def test_a_camera_without_a_frame_writes_nothing(
     assert done.status == 1
     assert "unplugged" in done.err
     assert not list(tmp_path.iterdir())
+
+
+def test_a_covered_lens_is_no_success(edvo: Command, sequence: Path, tmp_path: Path) -> None:
+    for file in (sequence / "depth").iterdir():
+        cv2.imwrite(str(file), np.zeros((120, 160), np.uint16))
+    done = edvo("live", f"replay:{sequence}", "-o", tmp_path / "out", "--max-frames", 3)
+    assert done.status == 1
+    assert "no valid depth" in done.err.splitlines()[-1]
+    assert all(row["status"] == "lost" for row in rows(tmp_path / "out"))
+
+
+def test_shows_itself(edvo: Command, whole_sequence: Path, tmp_path: Path) -> None:
+    pytest.importorskip("rerun", reason="pip install 'edvo[view]'")
+    file = tmp_path / "seen.rrd"
+    done = edvo("live", f"replay:{whole_sequence}", "-o", tmp_path, "--save-view", file)
+    assert done.status == 0, done.err
+    assert file.stat().st_size > 10_000
 
 
 def test_ends_after_so_many_frames(edvo: Command, whole_sequence: Path, tmp_path: Path) -> None:

@@ -40,7 +40,7 @@ Images = Sequence[tuple[float, NDArray[np.uint8], NDArray[np.uint16]]]
 
 
 def write_old(path: Path, device: Device, images: Images, **changes: Any) -> Path:
-    """Write a .bag: version 2.56 of the SDK and before.
+    """Write a .bag: version 2.57 of the SDK and before.
 
     `changes` puts another message in the place of those of a topic, or None for none.
     """
@@ -113,7 +113,7 @@ def write_old(path: Path, device: Device, images: Images, **changes: Any) -> Pat
 
 
 def write_new(path: Path, device: Device, images: Images) -> Path:
-    """Have the SDK itself write a .db3, of its software device: version 2.57 and after."""
+    """Have the SDK itself write a .db3, of its software device: version 2.58 and after."""
     import pyrealsense2 as rs
 
     software = rs.software_device()

@@ -49,7 +49,9 @@ def write(kind: str, path: Path, device: Device, shown: Any) -> Path:
     pytest.importorskip("pyrealsense2", reason="pip install 'edvo[realsense]'")
     written = write_new(path.with_suffix(".db3"), device, shown)
     gc.collect()  # the SDK closes the file when nothing holds it any more
-    return written
+    with written.open("rb") as stream:
+        is_old = stream.read(7) == b"#ROSBAG"  # of version 2.57 and before, whatever the name
+    return written.rename(written.with_suffix(".bag")) if is_old else written
 
 
 @pytest.mark.parametrize("kind", ["bag", "db3"])

@@ -64,6 +64,20 @@ def test_real_sequences_give_every_colour_image_with_depth_near(real_data):
         assert len(source.ground_truth) > 400
 
 
+def test_a_few_names_that_are_not_in_the_order_of_their_times_are_told(make_folder):
+    times = [f"{i}.5" for i in range(20)]
+    folder = make_folder(colour=times, depth=times)
+    assert open_source(folder).warnings == ()
+    lines = (folder / "rgb.txt").read_text().splitlines()
+    rows = [i for i, line in enumerate(lines) if not line.startswith("#")]
+    (time, file), (other, other_file) = (lines[rows[i]].split() for i in (7, 8))
+    lines[rows[7]], lines[rows[8]] = f"{time} {other_file}", f"{other} {file}"
+    (folder / "rgb.txt").write_text("\n".join(lines) + "\n")
+    (warning,) = open_source(folder).warnings
+    assert warning.startswith("rgb.txt: 1 file names are not in the order of their times")
+    assert file in warning
+
+
 def test_stamps_that_repeat_or_go_back_are_put_right_and_told(make_folder):
     folder = make_folder(colour=("1.2", "1.0", "1.1", "1.0"), depth=("1.0", "1.1", "1.1", "1.2"))
     source = open_source(folder)

@@ -15,10 +15,10 @@ def way(speed: float = 0.3) -> NDArray[np.float64]:
 
 
 def all_but(*spans: range) -> NDArray[np.bool_]:
-    trusted = np.ones(COUNT, bool)
+    given = np.ones(COUNT, bool)
     for span in spans:
-        trusted[span] = False
-    return trusted
+        given[span] = False
+    return given
 
 
 def test_a_right_trajectory_in_another_world_has_no_error() -> None:
@@ -43,7 +43,7 @@ def test_a_jump_counts_for_one_second() -> None:
     assert np.flatnonzero(wrong).tolist() == list(range(40, 70))
 
 
-def test_a_jump_while_not_trusted_is_answered_for_by_those_that_follow() -> None:
+def test_a_jump_while_there_is_no_pose_is_answered_for_by_those_that_follow() -> None:
     poses = way()
     poses[45:, :3, 3] += (0.15, 0, 0)
     speed = error_speed(TIMES, way(), poses, all_but(range(40, 50)))
@@ -58,7 +58,7 @@ def test_a_long_loss_does_not_thin_the_error_out() -> None:
     assert speed[70] == pytest.approx(0.15 / (1 + 1 / 30), rel=0.02)
 
 
-def test_poses_that_are_not_trusted_or_have_no_truth_say_nothing() -> None:
+def test_where_there_is_no_pose_or_no_truth_nothing_is_said() -> None:
     truth, poses = way(), way()
     truth[20] = np.nan
     poses[30, 0, 3] += 5

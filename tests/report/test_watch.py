@@ -45,6 +45,7 @@ class Scripted:
             self.blank,
             index=index,
             status=Status.LOST if index in self.lost else Status.TRACKED,
+            keyframe=(index - 1) // 10 * 10 if index else -1,
             is_keyframe=index % 10 == 0,
             alignment=alignment(self.inliers[index]) if index else None,
         )
@@ -158,3 +159,25 @@ def test_order_of_doubt() -> None:
     order = [first, good, fair, blurred, degraded, lost]
     assert sorted(order, key=doubt) == order
     assert doubt(blurred) < doubt(lost, still_lost=True) < doubt(degraded)
+
+
+def test_a_frame_is_not_shown_on_a_keyframe_that_it_was_not_registered_with() -> None:
+    class Recovering(Scripted):
+        def track(self, frame: Frame) -> TrackedFrame:
+            # Found again by the first keyframe, while the last one is frame 10.
+            return replace(
+                super().track(frame), keyframe=0 if self.count < 11 else 10 * (self.count % 2)
+            )
+
+    watch = Watch(Recovering([50] * 30), 30)
+    keyframes = {}
+    for index in range(30):
+        frame = Frame(index / 10, np.full((12, 16), index, np.uint8), np.ones((12, 16), np.float32))
+        result = watch.track(frame)
+        sight = watch._fresh
+        assert sight is not None
+        keyframes[index] = result.keyframe, sight.keyframe
+    for index in range(11, 20):
+        number, keyframe = keyframes[index]
+        assert (keyframe is None) == (number == 0)
+        assert keyframe is None or keyframe.timestamp == 1.0

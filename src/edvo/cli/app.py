@@ -177,6 +177,13 @@ def live(
     max_frames: Annotated[
         int | None, typer.Option(help="End after so many tracked frames.", min=1)
     ] = None,
+    view: Annotated[
+        bool, typer.Option("--view", help="Watch it in a window (needs edvo[view]).")
+    ] = False,
+    save_view: Annotated[
+        Path | None,
+        typer.Option(help="Write what --view shows, to be opened later.", metavar="FILE.rrd"),
+    ] = None,
     list_: Annotated[bool, typer.Option("--list", help="Show what DEVICE can be.")] = False,
 ) -> None:
     """Track a camera, dropping frames rather than falling behind.
@@ -200,6 +207,8 @@ def live(
         seed=seed,
         camera=camera,
         max_frames=max_frames,
+        view=view,
+        save_view=save_view,
     )
 
 

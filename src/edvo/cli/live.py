@@ -5,6 +5,7 @@ import signal
 import time
 from collections import deque
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import cv2
@@ -14,14 +15,16 @@ from edvo.cli.configuration import configure
 from edvo.cli.interrupt import stop_on_interrupt
 from edvo.cli.run import errors_of, tell
 from edvo.cli.terminal import note, say, status_line
+from edvo.cli.view import View
 from edvo.clock import StageClock
-from edvo.datasets.devices import device_kinds, open_device
-from edvo.errors import DatasetError
+from edvo.datasets.devices import Device, device_kinds, open_device
+from edvo.errors import DatasetError, EdvoError
 from edvo.files import output_folder
 from edvo.odometry import Odometry, Status
-from edvo.report.live import track_device
+from edvo.report.live import Seen, track_device
 from edvo.report.results import write_results
-from edvo.report.tracking import FrameRecord
+from edvo.report.tracking import FrameRecord, Run
+from edvo.report.viewer_tracker import Shown
 
 _TELL_EVERY_S = 0.1
 
@@ -42,42 +45,51 @@ def live(
     seed: int | None,
     camera: str | None,
     max_frames: int | None,
+    view: bool,
+    save_view: Path | None,
 ) -> None:
     """Track a camera until Ctrl-C and write what came of it; see `edvo.cli.app.live`."""
     config = configure(preset, config_file, overrides, seed)
-    device = open_device(which, camera=camera)
-    try:
+    viewing = View(view, save_view)
+    with closing(open_device(which, camera=camera)) as device:
         folder = output_folder(out)
         cv2.setNumThreads(1)
         compile_now(config)
         clock = StageClock()
         odometry = Odometry(device.camera, config, clock=clock)
-    except BaseException:
-        device.close()
-        raise
-    note(f"{device.name}: tracking; Ctrl-C ends it and keeps the results")
+        note(f"{device.name}: tracking; Ctrl-C ends it and keeps the results")
+        with viewing.open(Seen(device), config) as viewer:
+            done, failure = _track(device, Shown(odometry, viewer), max_frames, clock)
+            if not done.frames:
+                raise failure or DatasetError(f"{device.name}: no frame came before the end")
+            errors = errors_of(done)
+            write_results(done, folder, config, errors)
+            total = len(done.frames) + done.dropped
+            note(f"dropped {done.dropped} of {total} frames to keep up with the camera")
+            tell(done, folder, errors)
+    if failure is not None:
+        raise DatasetError(f"{failure}; {folder} holds all that was tracked")
+    if not done.track_times.size:
+        raise DatasetError(f"no frame could be used; the first: {done.problems[0]}")
+
+
+def _track(
+    device: Device, shown: Shown, max_frames: int | None, clock: StageClock
+) -> tuple[Run, EdvoError | None]:
     # Who runs a camera as a service ends it by SIGTERM, and wants the results too.
     with (
         stop_on_interrupt((signal.SIGINT, signal.SIGTERM)) as stop,
         status_line(f"{device.name}: waiting for a frame") as show,
     ):
-        done, failure = track_device(
-            device,
-            odometry,
-            max_frames=max_frames,
-            clock=clock,
-            on_frame=_Line(show).after,
-            stop=stop,
+        line = _Line(show)
+
+        def after(record: FrameRecord, dropped: int) -> None:
+            shown.after(record)
+            line.after(record, dropped)
+
+        return track_device(
+            device, shown, max_frames=max_frames, clock=clock, on_frame=after, stop=stop
         )
-    if not done.frames:
-        raise failure or DatasetError(f"{device.name}: no frame came before the end")
-    errors = errors_of(done)
-    write_results(done, folder, config, errors)
-    total = len(done.frames) + done.dropped
-    note(f"dropped {done.dropped} of {total} frames to keep up with the camera")
-    tell(done, folder, errors)
-    if failure is not None:
-        raise DatasetError(f"{failure}; {folder} holds all that was tracked")
 
 
 class _Line:

@@ -81,7 +81,7 @@ class View:
             yield viewer
         if viewer.problem is not None:
             note(f"warning: {viewer.problem}")
-        if viewer.dropped_pictures:
+        if viewer.dropped_pictures and (viewer.problem is None or self._file is not None):
             note(
                 f"the viewer left out the images of {viewer.dropped_pictures} of {viewer.frames} "
                 "frames, for the tracker does not wait for it; poses and numbers are all there"

@@ -33,6 +33,7 @@ COLOUR_FOLDERS = ("rgb", "color", "colour", "images", "image", "img")
 
 # In the README of `edvo.synthesis.sequence.write_sequence`, and of an earlier run of it.
 _SYNTHETIC = b"TUM RGB-D layout; camera.yaml holds the camera"
+_README_BYTES = 10_000
 
 
 class GenericFormat:
@@ -98,6 +99,7 @@ def _read(path: Path) -> Listed:
 def _is_unfinished(path: Path) -> bool:
     """Say whether `edvo synth` began this folder anew: its lists, which it writes last, miss."""
     try:
-        return _SYNTHETIC in (path / "README.txt").read_bytes()
+        with (path / "README.txt").open("rb") as opened:
+            return _SYNTHETIC in opened.read(_README_BYTES)
     except OSError:
         return False

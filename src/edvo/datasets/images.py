@@ -16,6 +16,9 @@ from edvo.frame import Frame
 MAX_PIXELS = 1 << 26
 """Images of more pixels are taken for damaged, before memory is spent on them."""
 
+LARGEST_FILE = 8 * MAX_PIXELS
+"""Bytes of the largest image file that is read."""
+
 _PNG = b"\x89PNG\r\n\x1a\n"
 _JPEG = b"\xff\xd8\xff"
 # Markers of JPEG that hold the size: all "start of frame", but for three other things there.
@@ -41,6 +44,9 @@ def load_image(path: Path) -> NDArray[np.generic]:
         If the file is missing, empty, cut short or damaged; the message names it.
     """
     try:
+        size = path.stat().st_size
+        if size > LARGEST_FILE:
+            raise FrameError(f"{path} has {size} bytes, more than any image")
         data = path.read_bytes()
     except OSError as error:
         raise FrameError(f"cannot read {path}: {error.strerror or error}") from error

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from edvo.camera import Camera
+from edvo.datasets.text_files import read_text
 from edvo.errors import CameraError, DatasetError
 
 
@@ -27,10 +28,9 @@ def read_json(file: Path) -> Any:
     DatasetError
         If it cannot be read or is none; the message names it.
     """
+    text = read_text(file, "it must be JSON")
     try:
-        return json.loads(file.read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise DatasetError(f"cannot read {file}: {error.strerror or error}") from error
+        return json.loads(text)
     except (ValueError, RecursionError) as error:
         raise DatasetError(f"{file} is no JSON: {error}; correct it") from error
 

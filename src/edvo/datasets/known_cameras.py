@@ -11,6 +11,7 @@ from pathlib import Path
 
 from edvo.camera import Camera
 from edvo.datasets.images import MAX_PIXELS
+from edvo.datasets.text_files import check_size
 from edvo.errors import CameraError, DatasetError
 
 CAMERA_FILE = "camera.yaml"
@@ -74,6 +75,8 @@ KNOWN_CAMERAS: dict[str, Camera] = {
 }
 """Cameras by name."""
 
+_LARGEST_CAMERA_FILE = 1_000_000  # bytes; it has some hundred
+
 # In this order: "freiburg3_long_office" is TUM, not ICL's office.
 _PATTERNS: tuple[tuple[str, str], ...] = (
     (r"(?:freiburg|(?<![a-z0-9])fr)[-_]?1(?![0-9])", "tum-fr1"),
@@ -128,6 +131,8 @@ def find_camera(camera: str | os.PathLike[str]) -> Camera:
     if isinstance(camera, str) and camera in KNOWN_CAMERAS:
         return KNOWN_CAMERAS[camera]
     path = Path(camera)
+    if path.is_file():
+        check_size(path, "it must hold a camera", _LARGEST_CAMERA_FILE)
     if path.suffix or path.exists():
         return Camera.from_yaml(path)
     raise CameraError(f"no camera '{camera}'; there are {', '.join(KNOWN_CAMERAS)}, or give a file")
@@ -186,6 +191,7 @@ def _choose(
         return find_camera(camera), f"{by} ({camera})"
     beside = folder / CAMERA_FILE
     if beside.exists():
+        check_size(beside, "it must hold a camera", _LARGEST_CAMERA_FILE)
         return Camera.from_yaml(beside), f"{CAMERA_FILE} in the folder"
     if stated is not None:
         return stated()

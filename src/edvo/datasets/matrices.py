@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edvo.datasets.listed import Truth
+from edvo.datasets.text_files import read_text
 from edvo.errors import DatasetError
 from edvo.trajectory import Trajectory
 
@@ -32,12 +33,7 @@ def read_numbers(file: Path) -> NDArray[np.float64]:
     DatasetError
         If the file cannot be read or holds something else; the message names it.
     """
-    try:
-        text = file.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise DatasetError(f"cannot read {file}: {error.strerror or error}") from error
-    except UnicodeDecodeError as error:
-        raise DatasetError(f"{file} is no text file; it must hold numbers") from error
+    text = read_text(file, "it must hold numbers")
     rows = [row for row in text.splitlines() if not row.lstrip().startswith("#")]
     try:
         return np.array([float(word) for word in " ".join(rows).replace(",", " ").split()])

@@ -1,6 +1,6 @@
 """Recordings of RealSense's own: what its Viewer and ``rs.recorder`` write.
 
-Up to version 2.56 of the SDK that is a ROS 1 bag, from 2.57 on an SQLite file of ROS 2; both with
+Up to version 2.57 of the SDK that is a ROS 1 bag, from 2.58 on an SQLite file of ROS 2; both with
 topics of their own, such as ``/device_0/sensor_1/Color_0/image/data``. Depth lies in them as the
 depth camera saw it, so it is carried into the view of colour here. They are read by rosbags,
 image by image and by any thread, so that RealSense's SDK is not needed.

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Protocol
 
 from edvo.camera import Camera
+from edvo.datasets.azure import AzureFormat
 from edvo.datasets.bonn import BonnFormat
 from edvo.datasets.eth3d import Eth3dFormat
 from edvo.datasets.generic import GenericFormat
@@ -64,6 +65,7 @@ BUILT_IN: tuple[Format, ...] = (
     TumFormat(),
     RealSenseFormat(),  # a ROS bag with topics of its own
     RosFormat(),
+    AzureFormat(),
     PovRayFormat(),
     SevenScenesFormat(),
     ScanNetFormat(),

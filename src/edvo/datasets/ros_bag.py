@@ -21,10 +21,12 @@ from urllib.parse import quote
 
 from edvo.datasets.ros_files import BoundedPath, Inflating, Recent, SharedFile, inflate
 from edvo.datasets.ros_messages import STAMP_BYTES
+from edvo.datasets.text_files import check_size
 from edvo.errors import DatasetError, MissingExtraError
 
 _WHOLE_FILE = -1  # in place of a chunk: the offset counts from the start of the file
 _RECORD_HEAD = 96  # the header of a message's record in ROS 1 has about 50 bytes; then its data
+_LARGEST_METADATA = 4_000_000  # bytes; it has some thousand and a hundred for each file
 _ZSTD_BLOCK = (1 << 17) + 64  # nothing comes out before the first block is complete
 
 # What a computer lacks rather than a bag.
@@ -195,7 +197,10 @@ class Bag:
             ) from error
         if not self.ros2:
             return [self._storage(Reader1(BoundedPath(self.path)))]
-        if not self.path.is_dir() or (self.path / "metadata.yaml").exists():
+        metadata = self.path / "metadata.yaml"
+        if not self.path.is_dir() or metadata.exists():
+            if metadata.exists():
+                check_size(metadata, "make it by 'ros2 bag reindex'", _LARGEST_METADATA)
             return self._storages2(Reader2, self.path)
         # A recorder that was killed leaves no metadata; the files may be whole all the same.
         files = [file for end in (".mcap", ".db3") for file in sorted(self.path.glob(f"*{end}"))]

@@ -71,7 +71,8 @@ class CameraInfo:
     projection: tuple[float, ...]
 
 
-_SIZES = {code: struct.calcsize(f"<{code}") for code in "BIid"}
+_TOO_SHORT = "the message is shorter than it claims"
+_NUMBERS = {(order, code): struct.Struct(order + code) for order in "<>" for code in "BIid"}
 
 
 class _Cursor:
@@ -90,19 +91,25 @@ class _Cursor:
             self.at = self.start = 4  # alignment counts from behind these
 
     def number(self, code: str) -> int:
-        return int(self.numbers(code, 1)[0])
+        form = _NUMBERS[self.order, code]
+        at = self.aligned(form.size)
+        self.at = at + form.size
+        if self.at > len(self.view):
+            raise DatasetError(_TOO_SHORT)
+        return int(form.unpack_from(self.view, at)[0])
 
     def numbers(self, code: str, count: int) -> tuple[float, ...]:
-        size = _SIZES[code]
-        if self.ros2 and count:
-            self.at += (self.start - self.at) % size
-        data = self.take(size * count)
-        # `struct` keeps the formats it has compiled.
+        if count:
+            self.at = self.aligned(_NUMBERS[self.order, code].size)
+        data = self.take(_NUMBERS[self.order, code].size * count)
         return struct.unpack(f"{self.order}{count}{code}", data)
+
+    def aligned(self, size: int) -> int:
+        return self.at + (self.start - self.at) % size if self.ros2 else self.at
 
     def take(self, count: int) -> memoryview:
         if self.at + count > len(self.view):
-            raise DatasetError("the message is shorter than it claims")
+            raise DatasetError(_TOO_SHORT)
         self.at += count
         return self.view[self.at - count : self.at]
 

@@ -198,7 +198,8 @@ def check_registration(
     if max(differences) > 0.02 * colour_info.intrinsics[0]:
         return [
             f"{name} has other intrinsics (fx {info.intrinsics[0]:.1f}) than the colour camera's "
-            f"(fx {colour_info.intrinsics[0]:.1f}): depth is most likely not registered to colour; {mend}"
+            f"(fx {colour_info.intrinsics[0]:.1f}): depth is most likely not registered to colour; "
+            f"{mend}"
         ]
     return []
 

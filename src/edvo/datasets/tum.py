@@ -26,7 +26,9 @@ from numpy.typing import NDArray
 from edvo.datasets.association import MAX_DIFFERENCE_S, associate
 from edvo.datasets.known_cameras import choose_camera
 from edvo.datasets.listed import CameraChoice, ImagePair, Truth, pair_source
+from edvo.datasets.names import number_in
 from edvo.datasets.source import Source
+from edvo.datasets.text_files import check_size, read_text
 from edvo.errors import DatasetError, TrajectoryError
 from edvo.trajectory import Trajectory
 
@@ -46,6 +48,10 @@ _INDEX_LIMIT = 1_000_000
 
 # Colour images without depth are usual (4 % in the TUM excerpts at hand) up to about this share.
 _USUAL_LOSS = 0.1
+
+# Names in another order than times mean something only where nearly all of many are in order.
+_FEWEST_NAMED = 10
+_FEW_MISNAMED = 0.1
 
 _WITHIN = f"within {MAX_DIFFERENCE_S * 1e3:g} ms"
 
@@ -227,8 +233,9 @@ def read_truth(
     if not file.exists():
         return None, ()
     try:
+        check_size(file, "it must hold poses")
         truth = Trajectory.read(file)
-    except TrajectoryError as error:
+    except (DatasetError, TrajectoryError) as error:
         return None, (f"ground truth not used: {error}",)
     times, poses = truth.timestamps, truth.poses
     if listed.by_index and all(is_index(stamp) for stamp in truth.stamps):
@@ -264,6 +271,7 @@ def _in_order(name: str, rows: list[Row]) -> tuple[list[Row], list[str]]:
         warnings.append(
             f"{name}: {len(back)} rows go back in time (first: line {back[0].line}): sorted"
         )
+    warnings += [] if back else _misnamed(name, rows)
     kept: dict[float, Row] = {}
     again = [row for row in rows if kept.setdefault(row.time, row) is not row]
     if again:
@@ -271,6 +279,23 @@ def _in_order(name: str, rows: list[Row]) -> tuple[list[Row], list[str]]:
             f"{name}: {len(again)} rows repeat a time (first: line {again[0].line}): left out"
         )
     return [kept[time] for time in sorted(kept)], warnings
+
+
+def _misnamed(name: str, rows: list[Row]) -> list[str]:
+    """Tell of a few files whose numbers are not in the order of their times."""
+    if len(rows) < _FEWEST_NAMED:
+        return []
+    warnings = []
+    for files in zip(*(row.files for row in rows), strict=True):
+        numbers = [number_in(Path(file)) for file in files]
+        values = [float(number) for number in numbers if number is not None]
+        odd = [i for i, (before, value) in enumerate(pairwise(values), 1) if value < before]
+        if len(values) == len(rows) and 0 < len(odd) <= _FEW_MISNAMED * len(rows):
+            warnings.append(
+                f"{name}: {len(odd)} file names are not in the order of their times (first: line "
+                f"{rows[odd[0]].line}, {files[odd[0]]}): check which time is whose"
+            )
+    return warnings
 
 
 def read_list(file: Path) -> list[Row]:
@@ -329,12 +354,7 @@ def read_pairs(file: Path) -> list[Row]:
 
 def _fields(file: Path, wanted: str) -> list[tuple[int, list[str]]]:
     """Split the rows of a list, with their line numbers; only the last field may hold blanks."""
-    try:
-        text = file.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise DatasetError(f"cannot read {file}: {error.strerror or error}") from error
-    except UnicodeDecodeError as error:
-        raise DatasetError(f"{file} is no text file; give rows of '{wanted}'") from error
+    text = read_text(file, f"give rows of '{wanted}'")
     rows = []
     for line, content in enumerate(text.split("\n"), start=1):
         row = content.strip()

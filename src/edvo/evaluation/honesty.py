@@ -1,4 +1,4 @@
-"""How far a pose that a tracker vouches for is off, frame by frame, as a speed."""
+"""How far each pose of a tracker is off, as a speed: that at which the way to it went wrong."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +10,9 @@ def error_speed(
     times: NDArray[np.float64],
     truth: NDArray[np.float64],
     poses: NDArray[np.float64],
-    trusted: NDArray[np.bool_],
+    given: NDArray[np.bool_],
 ) -> NDArray[np.float64]:
-    """Say for each trusted pose how fast the trajectory went wrong up to it.
+    """Say for each pose how fast the trajectory went wrong up to it.
 
     Parameters
     ----------
@@ -22,24 +22,22 @@ def error_speed(
         ``T_world_cam`` at these times; NaN where it is not known.
     poses : ndarray of float64, shape (N, 4, 4)
         What the tracker gave; its world may be another.
-    trusted : ndarray of bool, shape (N,)
-        Where the tracker stands by its pose.
+    given : ndarray of bool, shape (N,)
+        Where there is a pose: those of lost frames are none.
 
     Returns
     -------
     ndarray of float64, shape (N,)
-        Metres a second; NaN where a pose is not trusted, has no truth, or is the first.
+        Metres a second; NaN where there is no pose or no truth, and for the first pose.
 
     Notes
     -----
-    The error is that of the motion ``Q^-1 P`` since the last trusted pose that is at least a
-    second older, or since the first trusted one of all. So each pose answers for all that
-    happened within the last second, what was drifted in frames that were not trusted included: a
-    pose is trusted together with the way that led to it. The error counts per second, and a time
-    without trusted poses no longer than one second: who finds back has to find back to where it
-    was. A shorter time counts as a second, so that noise does not.
+    The error is that of the motion ``Q^-1 P`` since the last pose that is at least a second older,
+    or since the first of all: each pose answers for the second before it. It counts per second,
+    and a time without poses no longer than one second: who finds back has to find back to where
+    it was. A shorter time counts as a second, so that noise does not.
     """
-    known = trusted & np.isfinite(truth).all(axis=(1, 2))
+    known = given & np.isfinite(truth).all(axis=(1, 2))
     usual = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
     speed = np.full(len(times), np.nan)
     members = np.flatnonzero(known)

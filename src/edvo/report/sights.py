@@ -22,7 +22,7 @@ class Sight:
     frame : Frame
     result : TrackedFrame
     keyframe : Frame or None
-        What it was registered with.
+        What it was registered with; None where that is not known.
     """
 
     frame: Frame

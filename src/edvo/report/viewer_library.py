@@ -1,6 +1,9 @@
 """The viewer's library, imported where it is used: 170 MB that most installations do without."""
 
 import importlib
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from edvo.errors import MissingExtraError
@@ -20,8 +23,9 @@ def load_rerun() -> Any:
         If it is not installed or does not load.
     """
     try:
-        rerun = importlib.import_module("rerun")
-        importlib.import_module("rerun.blueprint")
+        with _quietly():
+            rerun = importlib.import_module("rerun")
+            importlib.import_module("rerun.blueprint")
     except ImportError as error:
         raise MissingExtraError(
             f'the viewer needs rerun-sdk ({error}); pip install "edvo[view]"'
@@ -32,3 +36,16 @@ def load_rerun() -> Any:
             'pip install --force-reinstall "edvo[view]"'
         )
     return rerun
+
+
+@contextmanager
+def _quietly() -> Iterator[None]:
+    """Keep the library from logging what it raises as well; it asks once, when it is imported."""
+    if "RUST_LOG" in os.environ:
+        yield
+        return
+    os.environ["RUST_LOG"] = "off"
+    try:
+        yield
+    finally:
+        del os.environ["RUST_LOG"]

@@ -1,5 +1,6 @@
 """Where a viewer's data goes: a file that appears when it is whole, or a window."""
 
+import errno
 import os
 import secrets
 import socket
@@ -7,11 +8,13 @@ import subprocess
 import sys
 import tempfile
 import time
+import warnings
 from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
 
 from edvo.errors import OutputError
+from edvo.report.viewer_drain import Drain
 from edvo.report.viewer_library import load_rerun
 
 APPLICATION = "edvo"
@@ -41,25 +44,25 @@ class RrdFile:
         self.path = path
         self._aside = path.parent / f".{path.name}.{secrets.token_hex(8)}"
         self.stream = _new_stream()
-        check_writable(path)
         try:
-            self.stream.save(str(self._aside))
-        except (OSError, RuntimeError) as error:
-            self.discard()
+            if path.is_dir():
+                raise IsADirectoryError(errno.EISDIR, "it is a folder")
+            self._drain = Drain(self._aside)
+        except OSError as error:
             raise self._refusal(error) from error
+        self.stream.save(self._drain.inlet)
+        self._drain.opened()
 
     def flush(self) -> None:
-        """See that all is on the disk.
+        """See whether what is written so far could be.
 
         Raises
         ------
         OutputError
             If the disk is full, for instance.
         """
-        try:
-            self.stream.flush()
-        except (OSError, RuntimeError) as error:
-            raise self._refusal(error) from error
+        if self._drain.failure is not None:
+            raise self._refusal(self._drain.failure)
 
     def close(self) -> None:
         """Finish the file and give it its name.
@@ -70,12 +73,9 @@ class RrdFile:
             If it cannot be written whole; what stood there before is then untouched.
         """
         try:
-            self.flush()
-            before = self._aside.stat().st_size
             self.stream.disconnect()
-            # The index at its end is written by the last call, which does not say if it fails.
-            if self._aside.stat().st_size <= before:
-                raise OutputError(f"cannot write {self.path}: its end is missing; make room")
+            self._drain.close()
+            self._check()
             self._aside.replace(self.path)
         except OSError as error:
             raise self._refusal(error) from error
@@ -86,11 +86,25 @@ class RrdFile:
         """Leave nothing behind but a file that was closed."""
         self.stream.disconnect()
         with suppress(OSError):
+            self._drain.close()
+        with suppress(OSError):
             self._aside.unlink(missing_ok=True)
 
-    def _refusal(self, error: Exception) -> OutputError:
-        why = getattr(error, "strerror", None) or str(error).rsplit(": ", 1)[-1]
-        return OutputError(f"cannot write {self.path}: {why}; choose a folder with room and rights")
+    def _check(self) -> None:
+        """See that it can be read, and that its index is there."""
+        with warnings.catch_warnings(action="ignore"):
+            try:
+                load_rerun().chunk.RrdReader(str(self._aside)).store()
+            except (RuntimeError, ValueError) as error:
+                raise OutputError(
+                    f"cannot write {self.path}: its end is missing; choose a folder with room"
+                ) from error
+
+    def _refusal(self, error: OSError) -> OutputError:
+        return OutputError(
+            f"cannot write {self.path}: {error.strerror or error}; "
+            "choose a folder with room and rights"
+        )
 
 
 class Window:
@@ -160,30 +174,6 @@ def check_display() -> None:
             "no display to open the viewer on (neither DISPLAY nor WAYLAND_DISPLAY is set); "
             "use --save-view FILE.rrd and open that where there is a screen"
         )
-
-
-def check_writable(path: Path) -> None:
-    """See that a file can be made.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        Which.
-
-    Raises
-    ------
-    OutputError
-        If its folder is missing or takes no files, or if it is a folder itself.
-    """
-    try:
-        if path.is_dir():
-            raise OutputError(f"cannot write {path}: it is a folder; name a file")
-        with tempfile.TemporaryFile(dir=path.parent):
-            pass
-    except OSError as error:
-        raise OutputError(
-            f"cannot write {path}: {error.strerror or error}; choose a folder with room and rights"
-        ) from error
 
 
 def _new_stream() -> Any:

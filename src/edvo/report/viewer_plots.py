@@ -19,6 +19,7 @@ CURVES = (
     (ITERATIONS, "iterations", 0xBDB2FFFF),
     (f"{TIMES}/track", "track, in all", 0xFFFFFFFF),
 )
+STAGE_COLOURS = (0x8ECAE6FF, 0xF9C74FFF, 0xF4A261FF, 0x3DDC97FF, 0xBDB2FFFF, 0xF94144FF)
 _LEVELS = {Status.TRACKED: "INFO", Status.DEGRADED: "WARN", Status.LOST: "ERROR"}
 
 
@@ -38,13 +39,13 @@ class Plots:
         self._rerun = load_rerun()
         self._said: tuple[Status | None, str] = (None, "")
         self._title = title
+        self._stages: set[str] = set()
         states = [status.value for status in Status]
         colours = np.array([COLOURS[status] for status in Status], np.uint32)
         configuration = self._rerun.StateConfiguration(values=states, colors=colours)
         recorder.log(STATE, configuration, static=True)
         for path, name, colour in CURVES:
-            look = self._rerun.SeriesLines(names=name, colors=np.array([colour], np.uint32))
-            recorder.log(path, look, static=True)
+            self._look(path, name, colour)
 
     def draw(self, shot: Shot, error: tuple[float, float] | None) -> None:
         """Draw the numbers of a frame.
@@ -66,8 +67,16 @@ class Plots:
         if shot.track_s is not None:
             self._plot(f"{TIMES}/track", 1e3 * shot.track_s)
         for stage, seconds in shot.stages.items():
+            if stage not in self._stages:
+                colour = STAGE_COLOURS[len(self._stages) % len(STAGE_COLOURS)]
+                self._stages.add(stage)
+                self._look(f"{TIMES}/{stage}", stage, colour)
             self._plot(f"{TIMES}/{stage}", 1e3 * seconds)
         self._tell(shot)
+
+    def _look(self, path: str, name: str, colour: int) -> None:
+        look = self._rerun.SeriesLines(names=name, colors=np.array([colour], np.uint32))
+        self._recorder.log(path, look, static=True)
 
     def _plot(self, path: str, value: float) -> None:
         self._recorder.log(path, self._rerun.Scalars(float(value)))

@@ -13,6 +13,7 @@ from edvo.odometry import Status
 from edvo.report.plots import direction_colours
 from edvo.report.viewer_library import load_rerun
 from edvo.report.viewer_names import CAMERA, KEYFRAMES, MAP, PATH, TRUTH, WORLD
+from edvo.report.viewer_places import Places
 from edvo.report.viewer_recorder import Recorder
 from edvo.report.viewer_shot import Shot
 
@@ -20,7 +21,7 @@ VOXEL_M = 0.02
 MOST_EDGES = 300_000  # what a window turns without effort
 FRUSTUM_M = 0.06  # depth of a keyframe's
 COLOURS = {Status.TRACKED: 0x3DDC97FF, Status.DEGRADED: 0xF9C74FFF, Status.LOST: 0xF94144FF}
-TRUTH_COLOUR, KEYFRAME_COLOUR = 0xFFFFFF60, 0x8ECAE6C0
+TRUTH_COLOUR, KEYFRAME_COLOUR = 0xFFFFFFFF, 0x8ECAE6C0
 
 
 class World:
@@ -46,7 +47,7 @@ class World:
         self._rerun = load_rerun()
         self._last: NDArray[np.float64] | None = None
         self._true: NDArray[np.float64] | None = None
-        self._voxels: set[bytes] = set()
+        self._places = Places(VOXEL_M)
         self._frustum = _frustum(camera)
         recorder.log(WORLD, self._rerun.ViewCoordinates.RDF, static=True)
 
@@ -63,10 +64,10 @@ class World:
         T = result.T_world_cam
         log(CAMERA, rerun.Transform3D(translation=T[:3, 3], mat3x3=T[:3, :3]))
         if result.status is not Status.LOST:  # else it is only predicted
-            self._lead(PATH, self._last, T, COLOURS[result.status], 1.5)
+            self._lead(PATH, self._last, T, COLOURS[result.status], 2.0)
             self._last = T
         if T_world_true is not None:
-            self._lead(TRUTH, self._true, T_world_true, TRUTH_COLOUR, 3.5)
+            self._lead(TRUTH, self._true, T_world_true, TRUTH_COLOUR, 1.0)
             self._true = T_world_true
         if result.is_keyframe:
             strips = [strip @ T[:3, :3].T + T[:3, 3] for strip in self._frustum]
@@ -90,15 +91,12 @@ class World:
 
     def _add_edges(self, frame: Frame, T_world_cam: NDArray[np.float64]) -> None:
         """Add to the map what lies where nothing was."""
-        if len(self._voxels) >= MOST_EDGES:
+        if len(self._places) >= MOST_EDGES:
             return
         seen = EdgeMap(self._camera, self._config.edges, voxel_m=VOXEL_M)
         seen.add(frame, T_world_cam)
         edges = seen.points()
-        places = np.floor(edges.points / VOXEL_M).astype(np.int32)
-        fresh = [place.tobytes() not in self._voxels for place in places]
-        self._voxels.update(place.tobytes() for place in places[fresh])
-        self._recorder.log(MAP, self._points(edges, np.flatnonzero(fresh)))
+        self._recorder.log(MAP, self._points(edges, np.flatnonzero(self._places.add(edges.points))))
 
     def _points(self, edges: EdgePoints, which: NDArray[np.intp]) -> Any:
         colours = np.rint(255 * direction_colours(edges.gradients[which])).astype(np.uint8)

@@ -51,7 +51,7 @@ class Watch:
         self._span = max(1, -(-frames // SPANS))
         self._keep_sights = keep_sights
         self._map = edge_map
-        self._keyframe: Frame | None = None
+        self._keyframe: tuple[int, Frame] | None = None
         self._fresh: Sight | None = None
         self._lost = False
         self._worst: dict[int, tuple[Doubt, Sight]] = {}
@@ -60,9 +60,11 @@ class Watch:
     def track(self, frame: Frame) -> TrackedFrame:
         """Give the pose of a frame; what is kept of it is decided later, outside of its time."""
         result = self._tracker.track(frame)
-        self._fresh = Sight(frame, result, self._keyframe)
+        # After a recovery it may be an older one, which is not held.
+        index, keyframe = self._keyframe or (-1, None)
+        self._fresh = Sight(frame, result, keyframe if result.keyframe == index else None)
         if result.is_keyframe:
-            self._keyframe = frame
+            self._keyframe = result.index, frame
         return result
 
     def skip(self, timestamp: float, reason: str) -> TrackedFrame:

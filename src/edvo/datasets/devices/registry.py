@@ -37,7 +37,14 @@ def device_kinds() -> tuple[DeviceKind, ...]:
     tuple of DeviceKind
         Those that need a package that is not installed too.
     """
-    return (DeviceKind("replay", "replay:RECORDING plays a recording in real time", _replay),)
+    return (
+        DeviceKind(
+            "realsense", "realsense or realsense:SERIAL, a RealSense (edvo[realsense])", _realsense
+        ),
+        DeviceKind("orbbec", "orbbec or orbbec:SERIAL, an Orbbec (pyorbbecsdk2)", _orbbec),
+        DeviceKind("oak", "oak or oak:ID, an OAK-D (depthai)", _oak),
+        DeviceKind("replay", "replay:RECORDING, played in real time", _replay),
+    )
 
 
 def open_device(device: str, *, camera: Camera | str | os.PathLike[str] | None = None) -> Device:
@@ -74,8 +81,26 @@ def open_device(device: str, *, camera: Camera | str | os.PathLike[str] | None =
     for known in device_kinds():
         if known.name == kind:
             return known.open(which, given)
-    names = ", ".join(known.about.partition(" ")[0] for known in device_kinds())
-    raise DatasetError(f"{device}: no such device; give one of {names}")
+    names = "; ".join(known.about for known in device_kinds())
+    raise DatasetError(f"{device}: no such device; give {names}")
+
+
+def _realsense(which: str, camera: Camera | None) -> Device:
+    from edvo.datasets.devices.realsense import open_realsense
+
+    return open_realsense(which, camera)
+
+
+def _orbbec(which: str, camera: Camera | None) -> Device:
+    from edvo.datasets.devices.orbbec import Orbbec
+
+    return Orbbec(which, camera)
+
+
+def _oak(which: str, camera: Camera | None) -> Device:
+    from edvo.datasets.devices.oak import Oak
+
+    return Oak(which, camera)
 
 
 def _replay(which: str, camera: Camera | None) -> Device:

@@ -85,10 +85,19 @@ def look_at(source: Source) -> Looks:
     frames: dict[int, Frame] = {}
     thumbnails: dict[int, Thumbnail] = {}
     problems = []
+    size: tuple[int, ...] | None = None
     with closing(read_ahead(source, sorted(small | whole))) as readings:
         for reading in readings:
             if reading.frame is None:
                 problems.append(reading.problem or f"frame {reading.index} cannot be read")
+                continue
+            shape = reading.frame.grey.shape
+            size = size or shape
+            if shape != size:
+                problems.append(
+                    f"frame {reading.index} is {shape[1]} x {shape[0]}, those before it "
+                    f"{size[1]} x {size[0]}: give images of one size"
+                )
                 continue
             if reading.index in small:
                 thumbnails[reading.index] = thumbnail(reading.frame)

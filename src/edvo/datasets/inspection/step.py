@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from edvo.datasets.inspection.finding import Finding
 from edvo.datasets.inspection.thumbnail import Thumbnail, colour_change, depth_change
 
-FARTHEST = 3  # frames of delay that are looked for
+FARTHEST = 4  # frames of delay that are looked for
 AGREEMENT = 0.6  # correlation at the best delay that can be trusted
 SHARPNESS = 0.15  # and how much lower it must be two frames off
 # Correlation lost at no delay against the best: 0.08 on TUM fr1, whose depth is half a frame off.
 LOSS = 0.15
 LEAST = 0.75  # frames of delay that are worth a warning
-FEWEST = 24  # changes to compare
+FEWEST = 30  # changes to compare
 
 
 def check_step(spans: Sequence[Sequence[Thumbnail]], interval: float) -> Finding:
@@ -40,7 +40,7 @@ def check_step(spans: Sequence[Sequence[Thumbnail]], interval: float) -> Finding
     """
     name = "colour and depth in step"
     runs = [_changes(span) for span in spans if len(span) > 2 * FARTHEST + 2]
-    if sum(len(run) for run in runs) < FEWEST:
+    if sum(len(run) - 2 * FARTHEST for run in runs) < FEWEST:
         return Finding(name, undecided="too few frames follow each other")
     best: tuple[float, NDArray[np.float64]] | None = None
     for channel in range(3):

@@ -14,7 +14,7 @@ from edvo.trajectory import Trajectory
 
 LEAST_M = 0.03  # a shorter way is mostly noise
 FARTHEST = 8  # frames of a walk
-FEWEST = 5  # pairs
+FEWEST = 8  # pairs
 WRONG = 1.25  # factor of scale that is worth a warning
 SPREAD = 0.5  # of the logarithm of the factor, that it may vary by from pair to pair
 TURN_DEG, TURN_SHARE = 2.0, 0.5  # by which turns differ, where true poses are of other frames
@@ -73,6 +73,6 @@ def check_truth(steps: Sequence[Step], truth: Trajectory | None, depth_scale: fl
         return Finding(name, undecided="motions are too uncertain", measured=measured)
     warning = (
         f"the camera moves {scale:.3g} times as far as ground truth says: depth_scale is "
-        f"{depth_scale:g}, try {depth_scale * scale:.4g}"
+        f"{depth_scale:g}, try about {float(f'{depth_scale * scale:.2g}'):g}"
     )
     return Finding(name, (warning,), measured=measured)
