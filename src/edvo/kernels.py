@@ -1366,3 +1366,129 @@ def align(
         k = matches.edge[i]
         index[i] = grid.order[k] if k >= 0 else NO_MATCH
     return reason, iterations, count, sigma, cost, near_count, sigma_d, balance
+
+
+# ---------------------------------------------------------------------------------- uncertainty
+
+
+@compiled
+def add_outer(vectors: F64, M: F64) -> None:
+    """Add v v^T of each row to the lower triangle of M."""
+    n = M.shape[0]
+    for c in range(vectors.shape[0]):
+        for i in range(n):
+            if vectors[c, i] != 0:
+                for j in range(i + 1):
+                    M[i, j] += vectors[c, i] * vectors[c, j]
+
+
+@compiled
+def score_parts(
+    edges: F32,
+    normals: F32,
+    index: I32,
+    points: F64,
+    noise: F64,
+    camera: Pinhole,
+    solver: Solver,
+    sigma: float,
+    planes: PlaneMap,
+    surface: PlanePoints,
+    term: DepthTerm,
+    sigma_d: float,
+    balance: float,
+    T: F64,
+    cell: float,
+    H: F64,
+    parts: F64,
+) -> None:
+    """Write the curvature H at T and what scatters the score J^T W r there, parts (5, 6, 6).
+
+    Errors are taken to be shared within a square cell of the reference image and independent
+    between cells. With s_c the sum over cell c, the parts are: the scores of edges that are
+    observed, s(w J r); those of planes; that of edges which are off together by a pixel,
+    s(w J n^T); that of depths which are off together by their ``noise`` (N,), m; and the score of
+    all edges at once, which that of the planes holds in balance. H is in px^2, as is that of
+    ``align``; parts are in px^4, the third in px^2.
+    """
+    H[:] = 0
+    parts[:] = 0
+    cols = int(camera.width / cell) + 1
+    count = cols * (int(camera.height / cell) + 1)
+    seen, shift_u, shift_v = np.zeros((count, 6)), np.zeros((count, 6)), np.zeros((count, 6))
+    nearer, flat = np.zeros((count, 6)), np.zeros((count, 6))
+    total = np.zeros((1, 6))
+    J = np.empty(6)
+    inverse = 1 / (sigma * sigma)
+    for i in range(index.size):
+        k = index[i]
+        if k < 0:
+            continue
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        qx = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z
+        qy = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z
+        qz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z
+        px, py, pz = qx + T[0, 3], qy + T[1, 3], qz + T[2, 3]
+        if pz < MIN_DEPTH:
+            continue
+        u = camera.fx * px / pz + camera.cx
+        v = camera.fy * py / pz + camera.cy
+        du, dv = u - edges[k, 0], v - edges[k, 1]
+        if solver.residual == SIGNED:
+            nu, nv = np.float64(normals[k, 0]), np.float64(normals[k, 1])
+            r = du * nu + dv * nv
+        else:
+            r = np.sqrt(du * du + dv * dv)
+            nu, nv = (du / r, dv / r) if r > 0 else (np.float64(0), np.float64(0))
+        au, av = nu * camera.fx / pz, nv * camera.fy / pz
+        aw = -(au * px + av * py) / pz
+        J[0], J[1], J[2] = au, av, aw
+        J[3] = py * aw - pz * av
+        J[4] = pz * au - px * aw
+        J[5] = px * av - py * au
+        w = robust_weight(r * r * inverse, solver.weight, solver.tuning)
+        by_depth = noise[i] / z * (au * qx + av * qy + aw * qz)  # px
+        col = min(max(int(u / cell), 0), cols - 1)
+        c = min(max(int(v / cell), 0) * cols + col, count - 1)
+        for m in range(6):
+            wj = w * J[m]
+            seen[c, m] += wj * r
+            shift_u[c, m] += wj * nu
+            shift_v[c, m] += wj * nv
+            nearer[c, m] += wj * by_depth
+            total[0, m] += wj * r
+            for n in range(m + 1):
+                H[m, n] += wj * J[n]
+    if balance > 0:
+        matches = new_plane_matches(surface.sigma.size)
+        found = match_planes(planes, surface, camera, T, term, matches)
+        scale = balance * (sigma / sigma_d) ** 2
+        inverse = 1 / (sigma_d * sigma_d)
+        for i in range(found):
+            r = matches.residuals[i]
+            px, py, pz = matches.Y[i, 0], matches.Y[i, 1], matches.Y[i, 2]
+            au, av, aw = matches.normal[i, 0], matches.normal[i, 1], matches.normal[i, 2]
+            J[0], J[1], J[2] = au, av, aw
+            J[3] = py * aw - pz * av
+            J[4] = pz * au - px * aw
+            J[5] = px * av - py * au
+            w = scale * robust_weight(r * r * inverse, TUKEY, TUKEY_TUNING)
+            col = min(max(int((camera.fx * px / pz + camera.cx) / cell), 0), cols - 1)
+            row = max(int((camera.fy * py / pz + camera.cy) / cell), 0)
+            c = min(row * cols + col, count - 1)
+            for m in range(6):
+                wj = w * J[m]
+                flat[c, m] += wj * r
+                for n in range(m + 1):
+                    H[m, n] += wj * J[n]
+    add_outer(seen, parts[0])
+    add_outer(flat, parts[1])
+    add_outer(shift_u, parts[2])
+    add_outer(shift_v, parts[2])
+    add_outer(nearer, parts[3])
+    add_outer(total, parts[4])
+    for m in range(6):
+        for n in range(m):
+            H[n, m] = H[m, n]
+            for part in range(5):
+                parts[part, n, m] = parts[part, m, n]

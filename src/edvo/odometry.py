@@ -3,7 +3,7 @@
 import enum
 import logging
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from edvo.planes import PlaneFitter, PlanePoints
 from edvo.registration import Alignment, Registration
 from edvo.sampling import sample_edges
 from edvo.trajectory import Trajectory
+from edvo.uncertainty import Uncertainty, degenerate_directions, describe
 
 __all__ = ["Odometry", "StageClock", "Status", "TrackedFrame"]
 
@@ -73,6 +74,12 @@ class TrackedFrame:
         Edge pixels with depth that were drawn.
     alignment : Alignment or None
         The registration; None where there was none.
+    covariance : ndarray of float64, shape (6, 6), or None
+        Of ``T_key_cur``: of the twist [v, w] (metres, radians) in the keyframe's camera with
+        T_true = exp([v, w]) T_key_cur. None where there was no registration or it failed.
+    degenerate : tuple of str
+        Motions in the keyframe's camera that neither edges nor depth noticed; the frame is then
+        at best ``DEGRADED``.
     """
 
     timestamp: float
@@ -86,6 +93,8 @@ class TrackedFrame:
     edges: int
     samples: int
     alignment: Alignment | None
+    covariance: NDArray[np.float64] | None = None
+    degenerate: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,6 +147,7 @@ class Odometry:
             start_stride=self.config.motion.prior_stride,
         )
         self._fitter = PlaneFitter(camera, self.config.planes)
+        self._uncertainty = Uncertainty(camera, self.config, self._registration)
         self.reset()
 
     def reset(self, T_world_cam: NDArray[np.float64] | None = None) -> None:
@@ -367,11 +377,25 @@ class Odometry:
         self._velocity = se3.log(se3.inverse(self._T_key_last) @ T_key_cur) / period
         self._T_key_last = T_key_cur
         self._T_world_last = keyframe.T_world_key @ T_key_cur
+        with self._clock("uncertainty"):
+            covariance = self._covariance(keyframe, seen, alignment)
+            degenerate = tuple(describe(way) for way in degenerate_directions(covariance))
+        if degenerate and status is Status.TRACKED:
+            status, reason = Status.DEGRADED, f"not constrained: {', '.join(degenerate)}"
         share = alignment.inliers / len(seen.samples)
         due = is_due(self.config.keyframes, T_key_cur, share, self._count - keyframe.index)
         if due:
             self._set_keyframe(seen)
-        return self._keep(seen, status, reason, T_key_cur, keyframe.index, due, alignment)
+        tracked = self._keep(seen, status, reason, T_key_cur, keyframe.index, due, alignment)
+        return replace(tracked, covariance=covariance, degenerate=degenerate)
+
+    def _covariance(
+        self, key: Keyframe, seen: Seen, alignment: Alignment
+    ) -> NDArray[np.float64]:
+        """Of the motion found."""
+        return self._uncertainty.covariance(
+            key.edges, seen.samples, key.planes, seen.points, self._fitter.term, alignment
+        )
 
     def _keep(
         self,
