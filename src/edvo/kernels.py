@@ -149,6 +149,7 @@ class PlaneMatches(NamedTuple):
     Y: F64  # (M, 3) the point in the reference camera, m
     normal: F64  # (M, 3) of its plane, over the noise across it, 1/m
     residuals: F64  # (M,) distance over that noise
+    point: I32  # (M,) which point it is
 
 
 class Solver(NamedTuple):
@@ -412,7 +413,7 @@ def fit_planes(
 @compiled
 def new_plane_matches(m: int) -> PlaneMatches:
     """State of the planes of m points, none of them found."""
-    return PlaneMatches(np.empty((m, 3)), np.empty((m, 3)), np.empty(m))
+    return PlaneMatches(np.empty((m, 3)), np.empty((m, 3)), np.empty(m), np.empty(m, np.int32))
 
 
 @compiled
@@ -463,6 +464,7 @@ def match_planes(
         matches.normal[count, 1] = ny * scale
         matches.normal[count, 2] = nz * scale
         matches.residuals[count] = r
+        matches.point[count] = i
         count += 1
     return count
 
@@ -1388,6 +1390,7 @@ def score_parts(
     normals: F32,
     index: I32,
     points: F64,
+    gradients: F32,
     noise: F64,
     camera: Pinhole,
     solver: Solver,
@@ -1400,9 +1403,15 @@ def score_parts(
     T: F64,
     cell: float,
     H: F64,
+    blur: F64,
     parts: F64,
 ) -> None:
     """Write the curvature H at T and what scatters the score J^T W r there, parts (5, 6, 6).
+
+    Normals are noisy, and where all of them are parallel that noise alone looks like knowledge of
+    what lies across them. ``blur`` is that part of H: the normals of the other image, that of
+    ``gradients`` or of ``surface``, have noise of their own, so half of the square of what the two
+    make of J differs by is, in the mean, what noise adds.
 
     Errors are taken to be shared within a square cell of the reference image and independent
     between cells. With s_c the sum over cell c, the parts are: the scores of edges that are
@@ -1412,13 +1421,16 @@ def score_parts(
     ``align``; parts are in px^4, the third in px^2.
     """
     H[:] = 0
+    blur[:] = 0
     parts[:] = 0
     cols = int(camera.width / cell) + 1
     count = cols * (int(camera.height / cell) + 1)
     seen, shift_u, shift_v = np.zeros((count, 6)), np.zeros((count, 6)), np.zeros((count, 6))
     nearer, flat = np.zeros((count, 6)), np.zeros((count, 6))
     total = np.zeros((1, 6))
-    J = np.empty(6)
+    J, D = np.empty(6), np.zeros(6)
+    roll = np.hypot(T[0, 0], T[1, 0])
+    cosine, sine = T[0, 0] / roll, T[1, 0] / roll
     inverse = 1 / (sigma * sigma)
     for i in range(index.size):
         k = index[i]
@@ -1447,6 +1459,13 @@ def score_parts(
         J[4] = pz * au - px * aw
         J[5] = px * av - py * au
         w = robust_weight(r * r * inverse, solver.weight, solver.tuning)
+        gu = cosine * gradients[i, 0] - sine * gradients[i, 1]
+        gv = sine * gradients[i, 0] + cosine * gradients[i, 1]
+        side = 1.0 if gu * nu + gv * nv >= 0 else -1.0
+        bu, bv = (nu - side * gu) * camera.fx / pz, (nv - side * gv) * camera.fy / pz
+        bw = -(bu * px + bv * py) / pz
+        D[0], D[1], D[2] = bu, bv, bw
+        D[3], D[4], D[5] = py * bw - pz * bv, pz * bu - px * bw, px * bv - py * bu
         by_depth = noise[i] / z * (au * qx + av * qy + aw * qz)  # px
         col = min(max(int(u / cell), 0), cols - 1)
         c = min(max(int(v / cell), 0) * cols + col, count - 1)
@@ -1459,6 +1478,7 @@ def score_parts(
             total[0, m] += wj * r
             for n in range(m + 1):
                 H[m, n] += wj * J[n]
+                blur[m, n] += 0.5 * w * D[m] * D[n]
     if balance > 0:
         matches = new_plane_matches(surface.sigma.size)
         found = match_planes(planes, surface, camera, T, term, matches)
@@ -1473,6 +1493,14 @@ def score_parts(
             J[4] = pz * au - px * aw
             J[5] = px * av - py * au
             w = scale * robust_weight(r * r * inverse, TUKEY, TUKEY_TUNING)
+            k = matches.point[i]
+            x, y, z = surface.normals[k, 0], surface.normals[k, 1], surface.normals[k, 2]
+            size = np.sqrt(au * au + av * av + aw * aw)
+            bu = au - size * (T[0, 0] * x + T[0, 1] * y + T[0, 2] * z)
+            bv = av - size * (T[1, 0] * x + T[1, 1] * y + T[1, 2] * z)
+            bw = aw - size * (T[2, 0] * x + T[2, 1] * y + T[2, 2] * z)
+            D[0], D[1], D[2] = bu, bv, bw
+            D[3], D[4], D[5] = py * bw - pz * bv, pz * bu - px * bw, px * bv - py * bu
             col = min(max(int((camera.fx * px / pz + camera.cx) / cell), 0), cols - 1)
             row = max(int((camera.fy * py / pz + camera.cy) / cell), 0)
             c = min(row * cols + col, count - 1)
@@ -1481,6 +1509,7 @@ def score_parts(
                 flat[c, m] += wj * r
                 for n in range(m + 1):
                     H[m, n] += wj * J[n]
+                    blur[m, n] += 0.5 * w * D[m] * D[n]
     add_outer(seen, parts[0])
     add_outer(flat, parts[1])
     add_outer(shift_u, parts[2])
@@ -1490,5 +1519,6 @@ def score_parts(
     for m in range(6):
         for n in range(m):
             H[n, m] = H[m, n]
+            blur[n, m] = blur[m, n]
             for part in range(5):
                 parts[part, n, m] = parts[part, m, n]

@@ -389,9 +389,7 @@ class Odometry:
         tracked = self._keep(seen, status, reason, T_key_cur, keyframe.index, due, alignment)
         return replace(tracked, covariance=covariance, degenerate=degenerate)
 
-    def _covariance(
-        self, key: Keyframe, seen: Seen, alignment: Alignment
-    ) -> NDArray[np.float64]:
+    def _covariance(self, key: Keyframe, seen: Seen, alignment: Alignment) -> NDArray[np.float64]:
         """Of the motion found."""
         return self._uncertainty.covariance(
             key.edges, seen.samples, key.planes, seen.points, self._fitter.term, alignment

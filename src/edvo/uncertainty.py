@@ -9,7 +9,7 @@ cell of the image and independent between cells; docs/theory.md derives it.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from edvo import kernels, se3
 from edvo.camera import Camera
@@ -21,6 +21,7 @@ from edvo.registration import Alignment, Registration
 from edvo.sensor import DEPTH_NOISE
 
 CELLS = 16  # across the image: 40 px at VGA
+DOUBT = 1.2  # times the blur of the normals is taken off what they seem to know
 PRIOR = np.ones(6)  # 1/m^2 and 1/rad^2: what nothing constrains is off by a metre or a radian
 # A direction is degenerate where the pose may be off by 5 cm or 2 degrees: its 90 % interval.
 DEGENERATE_M, DEGENERATE_RAD = 0.05 / 1.645, np.radians(2.0) / 1.645
@@ -39,7 +40,7 @@ class Shares(NamedTuple):
     tension: float  # of edges against planes
 
 
-SHARES = Shares(edges=4.6, planes=2.3, shift=0.0103, depth=2.3, tension=2.1)
+SHARES = Shares(edges=4.4, planes=2.4, shift=0.0115, depth=2.8, tension=2.1)
 
 
 class Uncertainty:
@@ -69,7 +70,7 @@ class Uncertainty:
         points: PlanePoints,
         term: DepthTerm,
         alignment: Alignment,
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Give what the covariance is made of.
 
         Parameters
@@ -87,15 +88,18 @@ class Uncertainty:
         -------
         H : ndarray of float64, shape (6, 6)
             J^T W J at the pose found, px^2.
+        blur : ndarray of float64, shape (6, 6)
+            What of H is noise of the normals, about.
         parts : ndarray of float64, shape (5, 6, 6)
             Covariances of the score J^T W r by each source of error, in the order of `Shares`.
         """
-        H, parts = np.empty((6, 6)), np.empty((5, 6, 6))
+        H, blur, parts = np.empty((6, 6)), np.empty((6, 6)), np.empty((5, 6, 6))
         kernels.score_parts(
             reference.edges.pixels,
             reference.edges.gradients,
             alignment.matches,
             samples.points(self._camera),
+            samples.gradients,
             self._noise.sigma_z(samples.depths),
             self._pinhole,
             self._solver,
@@ -108,9 +112,10 @@ class Uncertainty:
             alignment.T_ref_cur,
             self._camera.width / CELLS,
             H,
+            blur,
             parts,
         )
-        return H, parts
+        return H, blur, parts
 
     def covariance(
         self,
@@ -128,40 +133,59 @@ class Uncertainty:
         ndarray of float64, shape (6, 6)
             See `combine`.
         """
-        H, parts = self.parts(reference, samples, planes, points, term, alignment)
-        return combine(H, parts, alignment.sigma_px)
+        H, blur, parts = self.parts(reference, samples, planes, points, term, alignment)
+        return combine(without_blur(H, blur), parts, alignment.sigma_px)
 
 
-def combine(
-    H: NDArray[np.float64],
-    parts: NDArray[np.float64],
-    sigma_px: float,
-    shares: Shares = SHARES,
-) -> NDArray[np.float64]:
-    """Put the parts together: H^-1 (sum of shares times parts) H^-1, with a prior.
+def without_blur(H: NDArray[np.float64], blur: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Give what is known for sure: H without what may be noise of the normals.
 
     Parameters
     ----------
-    H, parts : ndarray of float64, shapes (6, 6) and (5, 6, 6)
+    H, blur : ndarray of float64, shape (6, 6)
         See `Uncertainty.parts`.
-    sigma_px : float
+
+    Returns
+    -------
+    ndarray of float64, shape (6, 6)
+        Positive semidefinite.
+    """
+    values, vectors = np.linalg.eigh(H - DOUBT * blur)
+    result: NDArray[np.float64] = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    return result
+
+
+def combine(
+    known: NDArray[np.float64],
+    parts: NDArray[np.float64],
+    sigma_px: ArrayLike,
+    shares: Shares = SHARES,
+) -> NDArray[np.float64]:
+    """Put the parts together: (K S^-1 K + prior)^-1, with S the sum of shares times parts.
+
+    Parameters
+    ----------
+    known : ndarray of float64, shape (..., 6, 6)
+        By `without_blur`, of any number of registrations.
+    parts : ndarray of float64, shape (..., 5, 6, 6)
+        See `Uncertainty.parts`.
+    sigma_px : array_like of float, shape (...)
         Scale of the residuals.
     shares : Shares, optional
         What each part counts.
 
     Returns
     -------
-    ndarray of float64, shape (6, 6)
+    ndarray of float64, shape (..., 6, 6)
         Of the left perturbation [v, w] of T_ref_cur, metres and radians, in the frame of the
         reference camera: T_true = exp([v, w]) T_ref_cur. Symmetric and positive definite. What
         nothing constrains has a standard deviation of 1 m or 1 rad, which says: unknown.
     """
-    prior = np.diag(sigma_px**2 * PRIOR)
-    scatter = np.tensordot(shares, parts, 1) + sigma_px**2 * prior
-    gain = np.linalg.inv(H + prior)
-    C = gain @ scatter @ gain
-    result: NDArray[np.float64] = 0.5 * (C + C.T)
-    return result
+    floor = np.asarray(sigma_px, np.float64)[..., None, None] ** 4 * np.eye(6)
+    scatter = np.einsum("k,...kij->...ij", np.array(shares), parts) + floor
+    information = known @ np.linalg.solve(scatter, known) + np.diag(PRIOR)
+    C: NDArray[np.float64] = np.linalg.inv(information).astype(np.float64, copy=False)
+    return 0.5 * (C + np.swapaxes(C, -1, -2))
 
 
 def in_current_camera(
