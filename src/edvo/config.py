@@ -71,6 +71,11 @@ class EdgesConfig(Section):
         default=3.0,
         description="extractor dog: least step of the difference across a zero crossing, grey",
     )
+    position: Literal["parabola", "pixel"] = Field(
+        default="parabola",
+        description="where an edge lies: at the vertex of a parabola through three gradients, or "
+        "in the middle of its pixel as in the paper",
+    )
     depth_window_px: Annotated[int, Field(ge=1, le=15)] = Field(
         default=5, description="side of the window that the depth of an edge is taken from, odd"
     )
@@ -180,6 +185,11 @@ class PlanesConfig(Section):
     weight: Annotated[float, Field(ge=0)] = Field(
         default=1.0,
         description="of depth against edges, each in units of its own scale; 0 leaves it out",
+    )
+    edge_doubt_px: Annotated[float, Field(ge=0)] = Field(
+        default=0.4,
+        description="what edges err by together, which their scatter does not show: depth counts "
+        "as if they scattered by this much more",
     )
     doubt: Positive = Field(
         default=0.7,
@@ -455,7 +465,7 @@ class Config(Section):
 PRESETS: dict[str, dict[str, Any]] = {
     "default": {},
     "paper": {
-        "edges": {"strong_share": 0.0},
+        "edges": {"strong_share": 0.0, "position": "pixel"},
         "planes": {"weight": 0.0},
         "motion": {"search_deg": 0.0},
         "keyframes": {"stored": 0},

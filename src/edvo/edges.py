@@ -91,11 +91,14 @@ class EdgeImage:
         Flat indices v * width + u of the edge pixels, ascending.
     du, dv : ndarray of int16, shape (H, W)
         Sobel gradients.
+    is_fine : bool
+        Whether edges are placed between pixels.
     """
 
     index: NDArray[np.int32]
     du: NDArray[np.int16]
     dv: NDArray[np.int16]
+    is_fine: bool = False
 
     def __len__(self) -> int:
         return len(self.index)
@@ -137,7 +140,7 @@ class EdgeImage:
         table = camera.undistortion_table() if camera.is_distorted else NO_TABLE
         pixels = np.empty((len(index), 2), np.float32)
         gradients = np.empty((len(index), 2), np.float32)
-        kernels.describe_edges(index, self.du, self.dv, table, pixels, gradients)
+        kernels.describe_edges(index, self.du, self.dv, table, self.is_fine, pixels, gradients)
         return EdgePixels(
             pixels, gradients, np.zeros(len(index), np.float32) if depths is None else depths
         )
@@ -190,7 +193,7 @@ def extract_edges(
     EXTRACTORS[config.extractor](smooth, config, buffers)
     index = np.empty(cv2.countNonZero(buffers.mask), np.int32)
     kernels.collect_edges(buffers.mask, index)
-    return EdgeImage(index, buffers.du, buffers.dv)
+    return EdgeImage(index, buffers.du, buffers.dv, config.position == "parabola")
 
 
 def depth_at_edges(

@@ -138,6 +138,7 @@ class DepthTerm(NamedTuple):
 
     weight: float  # 0 leaves the term out
     doubt: float  # scale of the residuals at which it counts half
+    edge_doubt: float  # px; what edges err by together
     min_dot: float  # cosine of the widest angle between the normals
     limit: float  # of a residual, in units of the noise
     min_points: int
@@ -211,25 +212,53 @@ def collect_edges(mask: NDArray[np.uint8], index: I32) -> int:
 
 
 @compiled
+def vertex(before: np.float32, here: np.float32, after: np.float32) -> np.float32:
+    """Where the parabola through three neighbours is highest, at most half a step from the middle."""
+    bend = before - 2 * here + after
+    if bend >= 0:
+        return np.float32(0)
+    at = (before - after) / (2 * bend)
+    return np.float32(min(max(at, -0.5), 0.5))
+
+
+@compiled
 def describe_edges(
     index: I32,
     dx: NDArray[np.int16],
     dy: NDArray[np.int16],
     table: F32,
+    finely: bool,
     pixels: F32,
     gradients: F32,
 ) -> None:
     """Write ideal pixel and unit gradient of each edge given by its flat index.
 
     ``table`` (H, W, 2) holds the ideal pixel of each raw one, or is empty for an ideal camera.
+    If asked to do so ``finely``, an edge is moved along a row or a column, whichever lies nearer
+    to its gradient, to the vertex of the parabola through three gradients (Devernay 1995).
     """
     height, width = dx.shape
     for k in range(index.size):
         v = index[k] // width
         u = index[k] - v * width
         gu, gv = np.float32(dx[v, u]), np.float32(dy[v, u])
+        ou, ov = np.float32(0), np.float32(0)
+        if finely and 0 < u < width - 1 and 0 < v < height - 1:
+            before, here, after = np.float32(0), np.float32(0), np.float32(0)
+            if abs(gu) >= abs(gv):
+                for j in range(v - 1, v + 2):
+                    before += dx[j, u - 1] * gu + dy[j, u - 1] * gv
+                    here += dx[j, u] * gu + dy[j, u] * gv
+                    after += dx[j, u + 1] * gu + dy[j, u + 1] * gv
+                ou = vertex(before, here, after)
+            else:
+                for j in range(u - 1, u + 2):
+                    before += dx[v - 1, j] * gu + dy[v - 1, j] * gv
+                    here += dx[v, j] * gu + dy[v, j] * gv
+                    after += dx[v + 1, j] * gu + dy[v + 1, j] * gv
+                ov = vertex(before, here, after)
         if table.size == 0:
-            pixels[k, 0], pixels[k, 1] = u, v
+            pixels[k, 0], pixels[k, 1] = u + ou, v + ov
         else:
             pixels[k, 0], pixels[k, 1] = table[v, u, 0], table[v, u, 1]
             u0, u1 = max(u - 1, 0), min(u + 1, width - 1)
@@ -239,6 +268,8 @@ def describe_edges(
             vu = (table[v, u1, 1] - table[v, u0, 1]) / su
             uv = (table[v1, u, 0] - table[v0, u, 0]) / sv
             vv = (table[v1, u, 1] - table[v0, u, 1]) / sv
+            pixels[k, 0] += uu * ou + uv * ov
+            pixels[k, 1] += vu * ou + vv * ov
             # a gradient is a covector: it goes over by the inverse transpose
             gu, gv = vv * gu - vu * gv, uu * gv - uv * gu
         norm = np.float32(1) / np.sqrt(gu * gu + gv * gv)
@@ -1293,6 +1324,7 @@ def align(
                 if near_count >= term.min_points:
                     sigma_d = median_scale(near.residuals, near_count, MIN_PLANE_SIGMA)
                     balance = term.weight / (1 + sigma_d / term.doubt)
+                    balance *= 1 + (term.edge_doubt / sigma) ** 2
                     cost += balance / n * plane_cost(near, near_count, m, sigma_d)
                     plane_equations(near, near_count, sigma_d, H_planes, b_planes)
                     scale = balance * (sigma / sigma_d) ** 2

@@ -45,6 +45,7 @@ class PlaneFitter:
         self.term = DepthTerm(
             weight=config.weight,
             doubt=config.doubt,
+            edge_doubt=config.edge_doubt_px,
             min_dot=math.cos(math.radians(config.max_angle_deg)),
             limit=config.max_distance,
             min_points=config.min_points,

@@ -19,7 +19,7 @@ from edvo.planes import NO_PLANES, NO_POINTS, DepthTerm, PlaneMap, PlanePoints, 
 from edvo.robust import TUNING, WEIGHTS
 
 RESIDUALS = {"divergence": kernels.SIGNED, "distance": kernels.DISTANCE}
-EDGES_ALONE = DepthTerm(weight=0.0, doubt=1.0, min_dot=1.0, limit=0.0, min_points=1)
+EDGES_ALONE = DepthTerm(weight=0.0, doubt=1.0, edge_doubt=0.0, min_dot=1.0, limit=0.0, min_points=1)
 STAGES = {"robust-then-normal": (0, 1), "robust": (0, 0), "normal": (1, 1)}
 REASONS = {
     kernels.CONVERGED: "converged",

@@ -77,3 +77,75 @@ def test_a_bag_cut_short_is_one_line(
     assert done.err.count("\n") == 1
     assert str(bag) in done.err
     assert "rosbag reindex" in done.err
+
+
+def two_cameras(folder: Path, path: Path) -> Path:
+    """Write a bag of two cameras side by side, that nothing tells apart."""
+    source = open_source(folder)
+    camera = source.camera
+    k = (camera.fx, camera.fy, camera.cx, camera.cy)
+    size = {"width": camera.width, "height": camera.height}
+    messages = []
+    for index in range(6):
+        frame = source.read(index).frame
+        assert frame is not None
+        for side in ("left", "right"):
+            more = {"frame": side}
+            messages += [
+                camera_info(f"/{side}/rgb/camera_info", frame.timestamp, k=k, **size, **more),
+                image(f"/{side}/rgb/image_raw", frame.timestamp, frame.grey, "mono8", **more),
+                image(f"/{side}/depth/image_raw", frame.timestamp, frame.depth, "32FC1", **more),
+            ]
+    return write_bag(path, "mcap", messages)
+
+
+@pytest.mark.parametrize("command", ["info", "run", "compare"])
+def test_two_cameras_are_told_apart_by_their_topics(
+    edvo: Command, whole_sequence: Path, tmp_path: Path, command: str
+) -> None:
+    bag = two_cameras(whole_sequence, tmp_path / "bag")
+    out = ("-o", tmp_path / "out") if command == "run" else ()
+    done = edvo(command, bag, *out)
+    assert (done.status, done.out, done.err.count("\n")) == (1, "", 1)
+    assert "choose by --colour-topic and --depth-topic" in done.err
+    done = edvo(command, bag, *out, "--colour-topic", "/right/rgb/image_raw")
+    assert done.status == 0, done.err
+    done = edvo(command, bag, *out, "--depth-topic", "/left/rgb/image_raw")
+    assert (done.status, done.err.count("\n")) == (1, 1)
+    assert "holds colour" in done.err
+
+
+@pytest.mark.parametrize("what", ["frame", "camera", "size"])
+@pytest.mark.parametrize("command", ["info", "run"])
+def test_depth_that_is_not_registered_is_said(
+    edvo: Command, whole_sequence: Path, tmp_path: Path, command: str, what: str
+) -> None:
+    source = open_source(whole_sequence)
+    camera = source.camera
+    k = (camera.fx, camera.fy, camera.cx, camera.cy)
+    size = {"width": camera.width, "height": camera.height}
+    messages = [camera_info("/camera/rgb/camera_info", 1.0, k=k, **size)]
+    if what == "camera":
+        other = (1.2 * camera.fx, 1.2 * camera.fy, camera.cx, camera.cy)
+        messages.append(camera_info("/camera/depth/camera_info", 1.0, k=other, **size))
+    for index in range(5):
+        frame = source.read(index).frame
+        assert frame is not None
+        depth = frame.depth[::2, ::2].copy() if what == "size" else frame.depth
+        messages += [
+            image(COLOUR, frame.timestamp, frame.grey, "mono8"),
+            image(
+                "/camera/depth/image_rect_raw",
+                frame.timestamp,
+                depth,
+                "32FC1",
+                frame="depth_optical" if what == "frame" else "camera",
+            ),
+        ]
+    bag = write_bag(tmp_path / "bag", "mcap", messages)
+    done = edvo(command, bag, *(("-o", tmp_path / "out") if command == "run" else ()))
+    assert done.status == (1 if what == "size" else 0), done.err
+    told = done.out if command == "info" and what != "size" else done.err
+    (line,) = [line for line in told.splitlines() if "registered to colour" in line]
+    assert "aligned_depth_to_color" in line
+    assert what == "size" or "warning: " in line

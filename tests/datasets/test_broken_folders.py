@@ -7,12 +7,19 @@ from edvo.errors import EdvoError
 
 from .layouts import CAMERA, FRAMES, recording, write_tum
 from .test_folders import write_generic, write_open3d, write_replica
-from .test_tum_kin import write_eth3d, write_icl
+from .test_tum_kin import write_eth3d, write_icl, write_povray
 from .test_two_cameras import write_7scenes, write_scannet, write_sens
+
+
+def _with_camera(folder, of):
+    of.camera.to_yaml(folder / "camera.yaml")
+    return folder
+
 
 WRITERS = {
     "tum": lambda folder, of: write_tum(folder / "fr1", of),
     "icl": lambda folder, of: write_icl(folder / "living_room_traj2_frei_png", of),
+    "povray": lambda folder, of: _with_camera(write_povray(folder / "lr", of), of),
     "bonn": lambda folder, of: write_tum(folder / "rgbd_bonn_crowd", of),
     "eth3d": lambda folder, of: write_eth3d(folder / "plant_1", of),
     "7scenes": lambda folder, of: write_7scenes(folder / "seq-01", of, of.poses),
@@ -75,7 +82,7 @@ def test_every_file_in_turn(tmp_path, format):
 def test_without_its_images(tmp_path, format):
     folder = WRITERS[format](tmp_path, recording())
     for file in folder.rglob("*"):
-        if file.suffix in {".png", ".jpg", ".sens"}:
+        if file.suffix in {".png", ".jpg", ".sens", ".depth"}:
             file.write_bytes(b"")
     found = use(folder, format)
     assert found == 0 or str(folder) in found

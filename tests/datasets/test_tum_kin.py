@@ -85,6 +85,99 @@ def test_icl_published_pose_is_what_the_converted_excerpt_says(real_data):
     np.testing.assert_allclose((FLIP @ published @ FLIP), excerpt.poses[1], atol=1e-6)
 
 
+def write_povray(folder, of, *, names="scene_00_{:04d}", unit=1.0):
+    """As POV-Ray writes: distances along rays, and poses with y up, in metres or centimetres."""
+    c = of.camera
+    pixels = np.stack(np.meshgrid(np.arange(c.width), np.arange(c.height)), axis=-1).reshape(-1, 2)
+    lengths = np.linalg.norm(c.backproject(pixels, np.ones(len(pixels))), axis=1)
+    for index in range(FRAMES):
+        name = names.format(index)
+        write_image(folder / f"{name}.png", of.colour[index])
+        distances = of.depth[index].ravel() * lengths * unit
+        (folder / f"{name}.depth").write_text(" ".join(f"{value:.6f}" for value in distances))
+        T = FLIP @ of.poses[index] @ FLIP
+        rows = [("cam_pos", T[:3, 3] * unit), ("cam_dir", T[:3, 2]), ("cam_up", T[:3, 1])]
+        rows += [("cam_lookat", (0, 0, 1)), ("cam_sky", (0, 1, 0)), ("cam_right", 1.33 * T[:3, 0])]
+        lines = [f"{key:13}= [{', '.join(f'{x:.9g}' for x in v)}]';" for key, v in rows]
+        (folder / f"{name}.txt").write_text("\n".join([*lines, "cam_angle    = 90;"]) + "\n")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("name", "files", "unit"),
+    [
+        ("living_room_traj2_loop", "scene_00_{:04d}", 1.0),
+        ("office_room_traj0_loop", "scene_{:03d}", 100.0),
+    ],
+)
+def test_icl_as_it_was_rendered(tmp_path, name, files, unit):
+    of = recording()
+    folder = write_povray(tmp_path / name, of, names=files, unit=unit)
+    source = open_source(folder, camera=of.camera)
+    assert source.format == "povray"
+    assert source.camera.depth_scale == unit
+    told = source.describe()
+    assert told["recognised_by"] == "scene_*.depth"
+    assert told["distances"] == ("metres" if unit == 1 else "centimetres")
+    np.testing.assert_allclose(source.ground_truth.poses, of.poses, atol=1e-6)
+    twin = open_source(write_tum(tmp_path / "twin", of))
+    np.testing.assert_allclose(source.timestamps, twin.timestamps, atol=1e-6)
+    for index in range(FRAMES):
+        ours, theirs = source.read(index).frame, twin.read(index).frame
+        np.testing.assert_array_equal(ours.grey, theirs.grey)
+        np.testing.assert_allclose(ours.depth, theirs.depth, atol=1.01e-4)  # its file's rounding
+    np.testing.assert_allclose(track(source).poses, track(twin).poses, atol=1e-4)
+    assert_near(track(source), source.ground_truth)
+
+
+def test_icl_as_it_was_rendered_has_its_camera(tmp_path):
+    of = recording(KNOWN_CAMERAS["icl-nuim"])
+    source = open_source(write_povray(tmp_path / "mine", of))
+    assert (source.camera.fx, source.camera.fy) == (481.2, 480.0)
+    depth = source.read(3).frame.depth
+    np.testing.assert_allclose(depth, of.depth[3], atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("", "holds 0 numbers"),
+        ("1 2 3", "holds 3 numbers"),
+        ("one two", "something else than numbers"),
+        ("1 " * 500_000, "more than 19200 numbers"),
+        ("0 " * 19200, "no valid depth"),
+        ("nan " * 19200, "no valid depth"),
+        (None, "holds 3 numbers"),
+    ],
+)
+def test_bad_distances_are_one_line(tmp_path, content, words):
+    of = recording()
+    folder = write_povray(tmp_path / "mine", of)
+    (folder / "scene_00_0000.depth").write_text("1 2 3" if content is None else content)
+    if content is not None:
+        source = open_source(folder, camera=of.camera)
+        problem = source.read(0).problem
+        assert source.read(1).problem is None
+    else:
+        for file in folder.glob("*.depth"):
+            file.write_text("1 2 3")
+        with pytest.raises(DatasetError) as caught:
+            open_source(folder, camera=of.camera)
+        problem = str(caught.value)
+    assert "scene_00_0000.depth" in problem
+    assert words in problem
+    assert "\n" not in problem
+
+
+def test_a_bad_camera_of_a_render_is_a_warning(tmp_path):
+    of = recording()
+    folder = write_povray(tmp_path / "mine", of)
+    (folder / "scene_00_0002.txt").write_text("cam_pos = [1, 2]';\n")
+    source = open_source(folder, camera=of.camera)
+    assert source.ground_truth is None
+    assert "scene_00_0002.txt has no cam_pos" in source.warnings[-1]
+
+
 def test_bonn_poses_are_the_camera_s(tmp_path):
     of = recording()
     T_m = bonn.of_camera(np.eye(4)[None])[0]  # T_ros is its own inverse

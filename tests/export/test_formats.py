@@ -18,11 +18,13 @@ from edvo.export.edge_map import EdgePoints
 from edvo.export.euroc import to_euroc
 from edvo.export.kitti import to_kitti
 from edvo.export.nerfstudio import T_CAM_GL, to_nerfstudio
+from edvo.export.pixels import image_names
 from edvo.export.ply import to_ply
 from edvo.trajectory import Trajectory
 
 CAMERA = Camera(width=640, height=480, fx=525.0, fy=520.0, cx=319.5, cy=239.25)
 STAMPS = ("1305031102.175304", "1305031102.211214", "1305031102.243211", "1305031103.000000")
+NAMES = [f"{stamp}.png" for stamp in STAMPS]
 
 
 @pytest.fixture
@@ -112,7 +114,7 @@ def test_evo_reads_kitti_and_euroc(trajectory: Trajectory, tmp_path: Path) -> No
 
 
 def test_colmap_by_hand(trajectory: Trajectory, points: EdgePoints) -> None:
-    files = to_colmap(trajectory, CAMERA, points)
+    files = to_colmap(trajectory, CAMERA, points, NAMES)
     camera = [row for row in files["cameras.txt"].splitlines() if not row.startswith("#")]
     assert camera == ["1 PINHOLE 640 480 525 520 320 239.75"]
     rows = [row for row in files["images.txt"].splitlines() if not row.startswith("#")]
@@ -149,7 +151,7 @@ def test_pycolmap_reads_it(
     camera = Camera(
         width=640, height=480, fx=525.0, fy=520.0, cx=319.5, cy=239.25, distortion=distortion
     )
-    for name, content in to_colmap(trajectory, camera, points).items():
+    for name, content in to_colmap(trajectory, camera, points, NAMES, Path("/a b/c")).items():
         (tmp_path / name).write_text(content)
     found = pycolmap.Reconstruction(str(tmp_path))
     assert found.num_images() == len(trajectory)
@@ -165,7 +167,7 @@ def test_pycolmap_reads_it(
 
 
 def test_nerfstudio(trajectory: Trajectory) -> None:
-    content = json.loads(to_nerfstudio(trajectory, CAMERA, "edges.ply"))
+    content = json.loads(to_nerfstudio(trajectory, CAMERA, "edges.ply", NAMES))
     assert (content["w"], content["h"], content["fl_x"]) == (640, 480, 525.0)
     assert (content["cx"], content["cy"]) == (320.0, 239.75)
     assert content["ply_file_path"] == "edges.ply"
@@ -179,6 +181,23 @@ def test_nerfstudio(trajectory: Trajectory) -> None:
         np.testing.assert_allclose(-T[:, 2], T_world_cam[:, 2])  # it looks along -z
         np.testing.assert_allclose(-T[:, 1], T_world_cam[:, 1])  # its y is up
         np.testing.assert_allclose(T @ T_CAM_GL, T_world_cam)
+
+
+def test_images_are_named_as_their_files(tmp_path: Path) -> None:
+    class Files:
+        colour_files = tuple(tmp_path / "rgb" / name for name in ("a.jpg", "b.jpg", "c.jpg"))
+
+    class Split:
+        colour_files = (tmp_path / "left/0.png", tmp_path / "right/0.png")
+
+    assert image_names(Files(), [2, 0], STAMPS[:2]) == (["c.jpg", "a.jpg"], tmp_path / "rgb")
+    assert image_names(Split(), [1], STAMPS[:1]) == (["right/0.png"], tmp_path)
+    assert image_names(object(), [0, 1], STAMPS[:2]) == (NAMES[:2], None)
+
+
+def test_colmap_says_where_the_images_are(trajectory: Trajectory, points: EdgePoints) -> None:
+    files = to_colmap(trajectory, CAMERA, points, NAMES, Path("/data/fr1/rgb"))
+    assert "# images: /data/fr1/rgb\n" in files["images.txt"]
 
 
 def test_open3d_reads_ply(points: EdgePoints, tmp_path: Path) -> None:

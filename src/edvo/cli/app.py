@@ -121,6 +121,13 @@ def run(
             metavar="KIND",
         ),
     ] = None,
+    view: Annotated[
+        bool, typer.Option("--view", help="Watch it in a window (needs edvo[view]).")
+    ] = False,
+    save_view: Annotated[
+        Path | None,
+        typer.Option(help="Write what --view shows, to be opened later.", metavar="FILE.rrd"),
+    ] = None,
 ) -> None:
     """Track a recording.
 
@@ -145,6 +152,54 @@ def run(
         stride=stride,
         report=report,
         exports=exports or [],
+        view=view,
+        save_view=save_view,
+    )
+
+
+@app.command()
+def live(
+    device: Annotated[
+        str | None,
+        typer.Argument(
+            help="A camera, such as realsense or realsense:SERIAL, or replay:RECORDING.",
+            metavar="DEVICE",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder for results.", metavar="DIR")
+    ] = None,
+    preset: Preset = None,
+    config: ConfigFile = None,
+    overrides: Overrides = None,
+    seed: Seed = None,
+    camera: CameraFile = None,
+    max_frames: Annotated[
+        int | None, typer.Option(help="End after so many tracked frames.", min=1)
+    ] = None,
+    list_: Annotated[bool, typer.Option("--list", help="Show what DEVICE can be.")] = False,
+) -> None:
+    """Track a camera, dropping frames rather than falling behind.
+
+    Goes on until Ctrl-C and then writes to DIR what `edvo run` writes. replay:RECORDING plays a
+    recording at its own pace, for who has no camera at hand.
+    """
+    from edvo.cli import live as body
+
+    if list_:
+        body.list_devices()
+        return
+    if device is None or out is None:
+        raise typer.BadParameter("give DEVICE and -o DIR, or --list")
+    body.live(
+        device,
+        out,
+        preset=preset,
+        config_file=config,
+        overrides=overrides or [],
+        seed=seed,
+        camera=camera,
+        max_frames=max_frames,
     )
 
 
@@ -247,6 +302,8 @@ def compare(
     ] = 1,
     camera: CameraFile = None,
     format: FormatName = None,
+    colour_topic: ColourTopic = None,
+    depth_topic: DepthTopic = None,
     light: Annotated[
         str | None,
         typer.Option(
@@ -284,6 +341,8 @@ def compare(
         repeats=repeats,
         camera=camera,
         format=format,
+        colour_topic=colour_topic,
+        depth_topic=depth_topic,
         light=light,
         severity=severity,
         start=start,
@@ -479,6 +538,44 @@ def relight(
         camera=camera,
         force=force,
     )
+
+
+@app.command()
+def fetch(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(help="Sequences, such as fr1/xyz; none: list all.", metavar="NAME"),
+    ] = None,
+    out: Annotated[
+        Path,
+        typer.Option("--out", "-o", help="Folder for them.", metavar="DIR", envvar="EDVO_DATA"),
+    ] = Path("edvo-data"),
+    mirror: Annotated[
+        str | None,
+        typer.Option(help="Server to take archives from instead.", metavar="URL"),
+    ] = None,
+    checksum: Annotated[
+        str | None,
+        typer.Option(help="What the archive must have, whatever edvo knows.", metavar="SHA256"),
+    ] = None,
+    keep_archive: Annotated[
+        bool, typer.Option("--keep-archive", help="Leave the archive beside the folder.")
+    ] = False,
+    list_: Annotated[
+        bool, typer.Option("--list", help="Show sequences, sizes and licences.")
+    ] = False,
+) -> None:
+    """Fetch public sequences: TUM RGB-D, ICL-NUIM, Bonn RGB-D Dynamic.
+
+    Prints the folder of each. A download that broke off goes on where it was; what is complete is
+    not fetched again.
+    """
+    from edvo.cli import fetch as body
+
+    if list_ or not names:
+        body.list_sequences()
+        return
+    body.fetch(names, out, mirror=mirror, checksum=checksum, keep_archive=keep_archive)
 
 
 @app.command()

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain, count
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from edvo.baselines.registry import EDVO_NAMES, ZERO_MOTION, baseline_names
 from edvo.cli import INTERRUPTED
 from edvo.cli.compiling import compile_now
 from edvo.cli.interrupt import stop_on_interrupt
+from edvo.cli.recording import open_recording
 from edvo.cli.terminal import note, progress, say, table
 from edvo.config import Config
 from edvo.datasets import Source
@@ -56,6 +58,8 @@ def compare(
     repeats: int,
     camera: str | None,
     format: str | None,
+    colour_topic: str | None,
+    depth_topic: str | None,
     light: str | None,
     severity: float | None,
     start: int,
@@ -77,6 +81,7 @@ def compare(
         changed = variant_systems(preset or "paper", repeats=repeats)
         systems = [*changed, *(system for system in systems if system.name != base)]
     found = find_sources(sources, format=format, note=note)
+    open_path = partial(open_recording, colour_topic=colour_topic, depth_topic=depth_topic)
     jobs = []
     for text in found:
         source = open_any(
@@ -87,6 +92,7 @@ def compare(
             light=light,
             severity=0.5 if severity is None else severity,
             seed=seed,
+            open_path=open_path,
         )
         indices = choose_frames(source, start=start, max_frames=max_frames, stride=stride)
         jobs.append(Job(source, indices, _read(files, source.name)))

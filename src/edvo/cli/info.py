@@ -4,9 +4,11 @@ import json
 from pathlib import Path
 from typing import Any
 
+from edvo.cli.compiling import compile_now
 from edvo.cli.recording import open_recording
 from edvo.cli.terminal import say
-from edvo.datasets.inspection import inspect
+from edvo.config import Config
+from edvo.datasets.inspection import examine
 
 
 def info(
@@ -18,18 +20,26 @@ def info(
     depth_topic: str | None,
     as_json: bool,
 ) -> None:
-    """Say what would be assumed about a recording."""
+    """Say what would be assumed about a recording, and what looks wrong with it."""
     source = open_recording(
         path, format=format, camera=camera, colour_topic=colour_topic, depth_topic=depth_topic
     )
     described = source.describe()
-    described["warnings"] += inspect(source)
+    compile_now(Config())
+    findings = examine(source)
+    # A reader and a check may see the same.
+    seen = [warning for finding in findings for warning in finding.warnings]
+    described["warnings"] = list(dict.fromkeys([*described["warnings"], *seen]))
     if as_json:
+        described["checks"] = {finding.check: finding.to_dict() for finding in findings}
         say(json.dumps(described, indent=2))
         return
     warnings = described.pop("warnings")
     for key, value in described.items():
         say(f"{key.replace('_', ' ')}: {_text(value)}")
+    for finding in findings:
+        if finding.undecided:
+            say(f"not checked: {finding.check}: {finding.undecided}")
     for warning in warnings:
         say(f"warning: {warning}")
 

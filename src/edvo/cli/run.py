@@ -13,14 +13,15 @@ from edvo.cli.interrupt import stop_on_interrupt
 from edvo.cli.recording import open_recording
 from edvo.cli.scores import score_table, speed_line
 from edvo.cli.terminal import note, progress, say
+from edvo.cli.view import View
 from edvo.clock import StageClock
-from edvo.datasets import Source
 from edvo.errors import DatasetError, EvaluationError
 from edvo.evaluation import Evaluation, evaluate
 from edvo.files import output_folder
 from edvo.odometry import Odometry, Status
 from edvo.report.results import TRAJECTORY, write_results
 from edvo.report.tracking import FrameRecord, Run, choose_frames, track_source
+from edvo.report.viewer_tracker import Shown
 
 _PROBLEMS_SHOWN = 5
 
@@ -42,10 +43,13 @@ def run(
     stride: int,
     report: bool,
     exports: list[str],
+    view: bool,
+    save_view: Path | None,
 ) -> None:
     """Track a recording and write what came of it; see `edvo.cli.app.run`."""
     config = configure(preset, config_file, overrides, seed)
     extras = Extras(report, exports)
+    viewing = View(view, save_view)
     source = open_recording(
         path, format=format, camera=camera, colour_topic=colour_topic, depth_topic=depth_topic
     )
@@ -58,26 +62,29 @@ def run(
     compile_now(config)
     clock = StageClock()
     watch = extras.watch(Odometry(source.camera, config, clock=clock), len(indices))
-    with stop_on_interrupt() as stop, progress(source.name, len(indices)) as advance:
+    with viewing.open(source, config) as viewer:
+        shown = Shown(watch, viewer)
+        with stop_on_interrupt() as stop, progress(source.name, len(indices)) as advance:
 
-        def after(record: FrameRecord) -> None:
-            watch.after(record)
-            advance()
+            def after(record: FrameRecord) -> None:
+                watch.after(record)
+                shown.after(record)
+                advance()
 
-        done = track_source(
-            source,
-            watch,
-            indices=indices,
-            clock=clock,
-            on_frame=after,
-            stop=stop,
-        )
-    errors = _evaluate(source, done)
-    write_results(done, folder, config, errors)
-    _report(done, folder, errors)
-    more = extras.write(done, indices, config, errors, watch, folder)
-    if more:
-        say(f"wrote {', '.join(more)}")
+            done = track_source(
+                source,
+                shown,
+                indices=indices,
+                clock=clock,
+                on_frame=after,
+                stop=stop,
+            )
+        errors = errors_of(done)
+        write_results(done, folder, config, errors)
+        tell(done, folder, errors)
+        more = extras.write(done, indices, config, errors, watch, folder)
+        if more:
+            say(f"wrote {', '.join(more)}")
     if done.interrupted:
         note(
             f"interrupted after {len(done.frames)} of {done.wanted} frames; "
@@ -88,17 +95,20 @@ def run(
         raise DatasetError(f"no frame could be read; the first: {done.problems[0]}")
 
 
-def _evaluate(source: Source, run: Run) -> Evaluation | None:
-    if source.ground_truth is None or not run.frames:
+def errors_of(run: Run) -> Evaluation | None:
+    """Evaluate a run if there is truth, and say why if it cannot be."""
+    truth = run.source.ground_truth
+    if truth is None or not run.frames:
         return None
     try:
-        return evaluate(source.ground_truth, run.trajectory(), len(run.frames))
+        return evaluate(truth, run.trajectory(), len(run.frames))
     except EvaluationError as error:
         note(f"warning: no errors: {error}")
         return None
 
 
-def _report(run: Run, folder: Path, errors: Evaluation | None) -> None:
+def tell(run: Run, folder: Path, errors: Evaluation | None) -> None:
+    """Print what came of a run and where it is."""
     for problem in run.problems[:_PROBLEMS_SHOWN]:
         note(f"skipped: {problem}")
     if len(run.problems) > _PROBLEMS_SHOWN:

@@ -1,5 +1,6 @@
 """Image files to frames, with each way they can be bad put into one line."""
 
+import struct
 from collections.abc import Iterable
 from itertools import islice
 from pathlib import Path
@@ -12,8 +13,13 @@ from edvo.camera import Camera
 from edvo.errors import DatasetError, FrameError, NoDepthError
 from edvo.frame import Frame
 
+MAX_PIXELS = 1 << 26
+"""Images of more pixels are taken for damaged, before memory is spent on them."""
+
 _PNG = b"\x89PNG\r\n\x1a\n"
 _JPEG = b"\xff\xd8\xff"
+# Markers of JPEG that hold the size: all "start of frame", but for three other things there.
+_FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 
 
 def load_image(path: Path) -> NDArray[np.generic]:
@@ -59,7 +65,8 @@ def decode_image(data: bytes, name: Path | str) -> NDArray[np.generic]:
     Raises
     ------
     FrameError
-        If the data are empty, cut short or damaged; the message names them.
+        If the data are empty, cut short, damaged or claim more pixels than `MAX_PIXELS`; the
+        message names them.
 
     Notes
     -----
@@ -70,6 +77,9 @@ def decode_image(data: bytes, name: Path | str) -> NDArray[np.generic]:
         raise FrameError(f"{name} is empty")
     if _is_cut_short(data):
         raise FrameError(f"{name} is cut short")
+    size = compressed_size(memoryview(data))
+    if size is not None and size[0] * size[1] > MAX_PIXELS:
+        raise FrameError(f"{name} claims {size[0]}x{size[1]} pixels: damaged")
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
@@ -77,6 +87,34 @@ def decode_image(data: bytes, name: Path | str) -> NDArray[np.generic]:
     if image is None:
         raise FrameError(f"{name} is damaged or no image")
     return np.asarray(image)
+
+
+def compressed_size(data: memoryview) -> tuple[int, int] | None:
+    """Find the size of a PNG or JPEG image without decoding it.
+
+    Parameters
+    ----------
+    data : memoryview
+        The image; its beginning is enough for PNG.
+
+    Returns
+    -------
+    (int, int) or None
+        Width and height; None if it is neither or damaged.
+    """
+    if bytes(data[:8]) == _PNG and len(data) >= 24:
+        width, height = struct.unpack(">II", data[16:24])
+        return width, height
+    at = 2
+    if bytes(data[:2]) != b"\xff\xd8":
+        return None
+    while at + 9 <= len(data) and data[at] == 0xFF:
+        marker, length = data[at + 1], int.from_bytes(data[at + 2 : at + 4], "big")
+        if marker in _FRAME_MARKERS:
+            height, width = struct.unpack(">HH", data[at + 5 : at + 9])
+            return width, height
+        at += 1 if marker == 0xFF else 2 + length  # fill bytes may lie before a marker
+    return None
 
 
 def load_colour(path: Path) -> NDArray[np.uint8]:

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from edvo.camera import Camera
+from edvo.datasets.images import MAX_PIXELS
 from edvo.errors import CameraError, DatasetError
 
 CAMERA_FILE = "camera.yaml"
@@ -160,10 +161,24 @@ def choose_camera(
     Raises
     ------
     CameraError
-        If there is no such camera or its file is wrong.
+        If there is no such camera, its file is wrong or its images are impossibly large.
     DatasetError
         If nothing tells the camera.
     """
+    taken, origin = _choose(folder, camera, stated)
+    if taken.width * taken.height > MAX_PIXELS:
+        raise CameraError(
+            f"{folder}: the camera ({origin}) is {taken.width}x{taken.height}, larger than any; "
+            "correct it"
+        )
+    return taken, origin
+
+
+def _choose(
+    folder: Path,
+    camera: Camera | str | os.PathLike[str] | None,
+    stated: Callable[[], tuple[Camera, str]] | None,
+) -> tuple[Camera, str]:
     if isinstance(camera, Camera):
         return camera, "given"
     if camera is not None:

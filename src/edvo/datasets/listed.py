@@ -70,6 +70,8 @@ class ListedSource:
         What looks wrong with the recording, a line each.
     facts : mapping, optional
         What else `describe` tells.
+    colour_files : sequence of pathlib.Path, optional
+        The file of each frame's colour image, where it has one; exports name their images by them.
     """
 
     def __init__(
@@ -85,6 +87,7 @@ class ListedSource:
         truth: Callable[[], Truth] | None = None,
         warnings: Sequence[str] = (),
         facts: Mapping[str, Any] | None = None,
+        colour_files: Sequence[Path] | None = None,
     ) -> None:
         self.path = path
         self.name = path.name
@@ -98,6 +101,7 @@ class ListedSource:
         self._truth = truth
         self._warnings = tuple(warnings)
         self._facts = dict(facts or {})
+        self.colour_files = None if colour_files is None else tuple(colour_files)
 
     def __len__(self) -> int:
         return len(self.stamps)
@@ -225,4 +229,5 @@ def pair_source(
         truth=truth,
         warnings=warnings,
         facts=facts,
+        colour_files=[pair.colour for pair in pairs],
     )

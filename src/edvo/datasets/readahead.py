@@ -62,7 +62,7 @@ def _read_ahead(
     wanted = iter(indices)
     pending: deque[Future[Reading]] = deque()
     pool = ThreadPoolExecutor(
-        max_workers=workers, thread_name_prefix="edvo-read", initializer=_give_way
+        max_workers=workers, thread_name_prefix="edvo-read", initializer=give_way
     )
     try:
         for index in wanted:
@@ -75,7 +75,7 @@ def _read_ahead(
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _give_way() -> None:
+def give_way() -> None:
     """Let the thread that tracks go first where there are fewer cores than threads."""
     if sys.platform == "linux":  # elsewhere the niceness is the process's
         thread = threading.get_native_id()

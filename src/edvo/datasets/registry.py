@@ -6,6 +6,7 @@ Another package adds a format by an entry point in the group ``edvo.datasets`` t
 
 import logging
 import os
+from collections.abc import Iterator
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Protocol
@@ -16,6 +17,8 @@ from edvo.datasets.eth3d import Eth3dFormat
 from edvo.datasets.generic import GenericFormat
 from edvo.datasets.icl import IclFormat
 from edvo.datasets.incomplete import refuse_incomplete
+from edvo.datasets.povray import PovRayFormat
+from edvo.datasets.realsense_recording import RealSenseFormat
 from edvo.datasets.redwood import RedwoodFormat
 from edvo.datasets.replica import ReplicaFormat
 from edvo.datasets.ros import RosFormat
@@ -59,7 +62,9 @@ BUILT_IN: tuple[Format, ...] = (
     BonnFormat(),
     Eth3dFormat(),
     TumFormat(),
+    RealSenseFormat(),  # a ROS bag with topics of its own
     RosFormat(),
+    PovRayFormat(),
     SevenScenesFormat(),
     ScanNetFormat(),
     SensFormat(),
@@ -79,13 +84,17 @@ def formats() -> tuple[Format, ...]:
         The built-in ones, then those of other packages by name. One that does not load is
         logged and left out.
     """
-    found = list(BUILT_IN)
+    return tuple(_each())
+
+
+def _each() -> Iterator[Format]:
+    yield from BUILT_IN
+    # Only now, since it takes longer to look into all installed packages than to open a recording.
     for entry in sorted(entry_points(group=ENTRY_POINTS), key=lambda entry: entry.name):
         try:
-            found.append(entry.load())
+            yield entry.load()
         except Exception:  # another package's code may raise anything
             _log.warning("format %s does not load and is left out", entry.name, exc_info=True)
-    return tuple(found)
 
 
 def recognise(path: Path) -> tuple[Format, str] | None:
@@ -101,7 +110,7 @@ def recognise(path: Path) -> tuple[Format, str] | None:
     (Format, str) or None
         The first format that knows it and by what.
     """
-    for candidate in formats():
+    for candidate in _each():
         reason = candidate.recognise(path)
         if reason is not None:
             return candidate, reason
@@ -151,7 +160,7 @@ def open_source(
         raise DatasetError(f"{path}: no such file or folder; check the path")
     refuse_incomplete(place)
     if format is not None:
-        for candidate in formats():
+        for candidate in _each():
             if candidate.name == format:
                 return candidate.open(place, camera=camera)
         names = ", ".join(candidate.name for candidate in formats())

@@ -7,28 +7,18 @@ read from its place, by any thread.
 
 import os
 import weakref
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-
-import numpy as np
-from numpy.typing import NDArray
 
 from edvo.camera import Camera
 from edvo.datasets.association import MAX_DIFFERENCE_S, associate
 from edvo.datasets.images import make_frame
 from edvo.datasets.known_cameras import KNOWN_CAMERAS, choose_camera, recognise_camera
 from edvo.datasets.listed import CameraChoice, ListedSource
-from edvo.datasets.ros_bag import Bag, Place
+from edvo.datasets.ros_bag import Bag
 from edvo.datasets.ros_camera import camera_from_info
-from edvo.datasets.ros_images import decompressed_colour, decompressed_depth, depth_of, grey_of
-from edvo.datasets.ros_messages import (
-    IMAGE,
-    CameraInfo,
-    parse_compressed_image,
-    parse_image,
-    parse_stamp,
-)
+from edvo.datasets.ros_messages import IMAGE, CameraInfo
+from edvo.datasets.ros_stamped import load_colour, load_depth, seconds, stamp_text, stamp_topic
 from edvo.datasets.ros_topics import (
     ImageTopic,
     check_registration,
@@ -36,7 +26,7 @@ from edvo.datasets.ros_topics import (
     find_camera_info,
 )
 from edvo.datasets.source import Source
-from edvo.errors import DatasetError, FrameError
+from edvo.errors import DatasetError
 from edvo.frame import Frame
 
 MILLIMETRES = 1000.0
@@ -49,7 +39,6 @@ _BEGINNINGS = {
 }
 _METADATA = b"rosbag2_bagfile_information"
 _ENDINGS = (".bag", ".mcap", ".db3")
-_NANOSECONDS = 10**9
 # Colour images without depth are usual up to about this share; beyond it, it is said.
 _USUAL_LOSS = 0.1
 # The drivers' defaults (525 for every Kinect) are further from a calibration than this.
@@ -150,7 +139,7 @@ def _open(
     if camera is None and found is not None:
         warnings += _doubt_defaults(bag.path, taken, found[0])
     names = (colour.name, depth.name)
-    stamped = [_stamp(bag, *each) for each in zip(names, bag.places(*names), strict=True)]
+    stamped = [stamp_topic(bag, *each) for each in zip(names, bag.places(*names), strict=True)]
     if not all(each.has_stamps for each in stamped):
         warnings.append("headers have no stamps; times are those of recording")
         stamped = [each.by_recording() for each in stamped]
@@ -158,12 +147,12 @@ def _open(
         warnings += each.warnings
     colours, depths = (each.in_order(warnings) for each in stamped)
     base = int(colours.stamps[0])
-    kept, partners = associate(_seconds(colours.stamps, base), _seconds(depths.stamps, base))
+    kept, partners = associate(seconds(colours.stamps, base), seconds(depths.stamps, base))
     within = f"within {MAX_DIFFERENCE_S * 1e3:g} ms"
     if not len(kept):
         raise DatasetError(
-            f"{bag.path}: no image of {colour.name} ({_text(base)} to {_text(colours.stamps[-1])}) "
-            f"has one of {depth.name} ({_text(depths.stamps[0])} to {_text(depths.stamps[-1])}) "
+            f"{bag.path}: no image of {colour.name} ({colours.span}) "
+            f"has one of {depth.name} ({depths.span}) "
             f"{within}; choose by --colour-topic and --depth-topic"
         )
     missing = len(colours.stamps) - len(kept)
@@ -172,18 +161,18 @@ def _open(
             f"{missing} of {len(colours.stamps)} colour images have no depth image {within}: "
             "left out"
         )
-    stamps = [_text(stamp) for stamp in colours.stamps[kept]]
+    stamps = [stamp_text(stamp) for stamp in colours.stamps[kept]]
     pairs = [(colours.places[i], depths.places[j]) for i, j in zip(kept, partners, strict=True)]
 
     def load(index: int) -> Frame:
         at = f"at {stamps[index]} in {bag.path}"
         first, second = pairs[index]
         names = f"{colour.name} {at}", f"{depth.name} {at}"
-        grey = _load_colour(bag, first, colour, names[0])
+        grey = load_colour(bag, first, colour.topic.type == IMAGE, names[0])
         return make_frame(
             float(stamps[index]),
             (names[0], grey),
-            (names[1], _load_depth(bag, second, depth, names[1])),
+            (names[1], load_depth(bag, second, depth.topic.type == IMAGE, names[1])),
             taken,
         )
 
@@ -262,85 +251,3 @@ def _starts(file: Path) -> bytes:
             return opened.read(64)
     except OSError:
         return b""
-
-
-@dataclass(frozen=True)
-class _Stamped:
-    """The messages of a topic, with their times in nanoseconds."""
-
-    name: str
-    places: Sequence[Place]
-    stamps: NDArray[np.int64]
-    warnings: tuple[str, ...] = ()
-
-    @property
-    def has_stamps(self) -> bool:
-        return bool(self.stamps.any())
-
-    def by_recording(self) -> "_Stamped":
-        recorded = np.array([place.recorded for place in self.places], np.int64)
-        return replace(self, stamps=recorded)
-
-    def in_order(self, warnings: list[str]) -> "_Stamped":
-        back = int(np.count_nonzero(np.diff(self.stamps) < 0))
-        if back:
-            warnings.append(f"{self.name}: {back} images go back in time: sorted")
-        stamps, order = np.unique(self.stamps, return_index=True)
-        again = len(self.stamps) - len(stamps)
-        if again:
-            warnings.append(f"{self.name}: {again} images repeat a time: left out")
-        return replace(self, stamps=stamps, places=[self.places[i] for i in order])
-
-
-def _stamp(bag: Bag, topic: str, places: Sequence[Place]) -> _Stamped:
-    """Take the stamps of all messages; those without a readable one are left out."""
-    good: list[Place] = []
-    stamps: list[int] = []
-    problems: list[str] = []
-    for place in places:
-        try:
-            stamps.append(parse_stamp(place.head, bag.ros2))
-            good.append(place)
-        except DatasetError as error:
-            problems.append(str(error))
-    if not good:
-        reason = "; ".join(problems[:1]) or "there is none"
-        raise DatasetError(f"{bag.path}: no message of {topic} can be read: {reason}")
-    count = f"{len(problems)} of {len(places)}"
-    return _Stamped(
-        topic,
-        good,
-        np.array(stamps, np.int64),
-        tuple(f"{topic}: {count} messages cannot be read: {text}" for text in problems[:1]),
-    )
-
-
-def _load_colour(bag: Bag, place: Place, image: ImageTopic, where: str) -> NDArray[np.uint8]:
-    try:
-        data = bag.read(place)
-        if image.topic.type == IMAGE:
-            return grey_of(parse_image(data, bag.ros2), where)
-        return decompressed_colour(parse_compressed_image(data, bag.ros2), where)
-    except DatasetError as error:
-        raise FrameError(f"{where}: {error}") from error
-
-
-def _load_depth(
-    bag: Bag, place: Place, image: ImageTopic, where: str
-) -> NDArray[np.uint16] | NDArray[np.float32]:
-    try:
-        data = bag.read(place)
-        if image.topic.type == IMAGE:
-            return depth_of(parse_image(data, bag.ros2), where)
-        return decompressed_depth(parse_compressed_image(data, bag.ros2), where)
-    except DatasetError as error:
-        raise FrameError(f"{where}: {error}") from error
-
-
-def _seconds(stamps: NDArray[np.int64], base: int) -> NDArray[np.float64]:
-    """Convert to seconds from a near origin, where a double has nanoseconds."""
-    return np.asarray((stamps - base) / _NANOSECONDS, np.float64)
-
-
-def _text(stamp: int | np.int64) -> str:
-    return f"{int(stamp) // _NANOSECONDS}.{int(stamp) % _NANOSECONDS:09d}"

@@ -24,7 +24,7 @@ from edvo.datasets.ros_messages import STAMP_BYTES
 from edvo.errors import DatasetError, MissingExtraError
 
 _WHOLE_FILE = -1  # in place of a chunk: the offset counts from the start of the file
-_RECORD_HEAD = 512  # the header of a message's record in ROS 1 has about 50 bytes
+_RECORD_HEAD = 96  # the header of a message's record in ROS 1 has about 50 bytes; then its data
 _ZSTD_BLOCK = (1 << 17) + 64  # nothing comes out before the first block is complete
 
 # What a computer lacks rather than a bag.
@@ -342,30 +342,32 @@ class _Ros1(_Chunked):
         ):
             if chunk not in self._chunks:
                 self._chunks[chunk] = self._chunk(chunk)
-            offset, size = self._message(chunk, start)
-            first = self._part(chunk, offset, min(head, size))
+            offset, size, first = self._message(chunk, start, head)
             yield topic, Place(0, chunk, offset, size, recorded, first)
 
     def _chunk(self, chunk: int) -> tuple[int, int, str, int]:
-        header, at = self._record(_WHOLE_FILE, chunk)
+        header, at, _ = self._record(_WHOLE_FILE, chunk)
         (stored,) = _UINT32.unpack(self._file.read(at, 4))
         compression = header.get_string("compression")
         compression = "" if compression == "none" else compression
         return at + 4, stored, compression, header.get_uint32("size")
 
-    def _message(self, chunk: int, offset: int) -> tuple[int, int]:
+    def _message(self, chunk: int, offset: int, head: int) -> tuple[int, int, bytes]:
         """Find the data of a message's record; descriptions of its connection may lie before."""
         while True:
-            header, at = self._record(chunk, offset)
-            (size,) = _UINT32.unpack(self._part(chunk, at, 4))
+            header, at, behind = self._record(chunk, offset)
+            (size,) = _UINT32.unpack(behind[:4] if len(behind) >= 4 else self._part(chunk, at, 4))
             if header.get_uint8("op") == 2:
-                return at + 4, size
+                first = behind[4 : 4 + min(head, size)]
+                if len(first) < min(head, size):
+                    first = self._part(chunk, at + 4, min(head, size))
+                return at + 4, size, first
             if header.get_uint8("op") != 7:
                 raise DatasetError(f"{self._file.path}: no message where the index says one is")
             offset = at + 4 + size
 
-    def _record(self, chunk: int, offset: int) -> tuple[Any, int]:
-        """Read a record's header; returns it and where it ends."""
+    def _record(self, chunk: int, offset: int) -> tuple[Any, int, bytes]:
+        """Read a record's header; returns it, where it ends, and what was read behind it."""
         from rosbags.rosbag1.reader import Header
 
         ahead = min(_RECORD_HEAD, self._size(chunk) - offset)
@@ -373,7 +375,7 @@ class _Ros1(_Chunked):
         (length,) = _UINT32.unpack_from(data)
         if length + 4 > ahead:
             data = self._part(chunk, offset, length + 4)
-        return Header.read(BytesIO(data)), offset + 4 + length
+        return Header.read(BytesIO(data)), offset + 4 + length, data[4 + length :]
 
 
 class _Mcap(_Chunked):
@@ -383,33 +385,42 @@ class _Mcap(_Chunked):
         """Go through all messages, whether the file has an index of them or not."""
         ids = self._ids(topics)
         start, end = self._reader.data_start, self._reader.data_end
-        for kind, offset, size in self._records(_WHOLE_FILE, start, end):
+        ahead = _MCAP_MESSAGE.size + head
+        for kind, offset, size, first in self._records(_WHOLE_FILE, start, end, ahead):
             if kind == _MCAP_IS_MESSAGE:
-                yield from self._message(_WHOLE_FILE, offset, size, ids, head)
+                yield from self._message(_WHOLE_FILE, offset, size, ids, first)
             elif kind == _MCAP_IS_CHUNK:
                 if offset not in self._chunks:
                     self._chunks[offset] = self._chunk(offset)
-                for inner, at, length in self._records(offset, 0, self._size(offset)):
+                unpacked = self._size(offset)
+                for inner, at, length, begin in self._records(offset, 0, unpacked, ahead):
                     if inner == _MCAP_IS_MESSAGE:
-                        yield from self._message(offset, at, length, ids, head)
+                        yield from self._message(offset, at, length, ids, begin)
 
-    def _records(self, chunk: int, at: int, end: int) -> Iterator[tuple[int, int, int]]:
+    def _records(
+        self, chunk: int, at: int, end: int, ahead: int
+    ) -> Iterator[tuple[int, int, int, bytes]]:
+        """Go through records; gives kind, place and size of each, and so many of its first bytes.
+
+        They are read with its head, since the bytes count less than how often one asks for some.
+        """
+        before = _MCAP_RECORD.size
         while at < end:
-            kind, size = _MCAP_RECORD.unpack(self._part(chunk, at, _MCAP_RECORD.size))
-            at += _MCAP_RECORD.size
+            data = self._part(chunk, at, max(min(before + ahead, end - at), before))
+            kind, size = _MCAP_RECORD.unpack_from(data)
+            at += before
             if size > end - at:
                 raise DatasetError(f"{self._file.path} is cut short or damaged; record it again")
-            yield kind, at, size
+            yield kind, at, size, data[before : before + size]
             at += size
 
     def _message(
-        self, chunk: int, at: int, size: int, ids: dict[int, str], head: int
+        self, chunk: int, at: int, size: int, ids: dict[int, str], first: bytes
     ) -> Iterator[tuple[str, Place]]:
         before = _MCAP_MESSAGE.size
-        data = self._part(chunk, at, min(before + head, size))
-        channel, _, recorded, _ = _MCAP_MESSAGE.unpack_from(data)
+        channel, _, recorded, _ = _MCAP_MESSAGE.unpack_from(first)
         if channel in ids:
-            place = Place(0, chunk, at + before, size - before, recorded, data[before:])
+            place = Place(0, chunk, at + before, size - before, recorded, first[before:])
             yield ids[channel], place
 
     def _chunk(self, at: int) -> tuple[int, int, str, int]:

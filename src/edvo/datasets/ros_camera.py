@@ -104,6 +104,33 @@ def _fit(
         left = np.abs(shown - _rational(ideal, rational)).max()
     if not left < 1e-6:
         raise DatasetError(f"{name} has distortion that folds the image; {_MEND}")
+    return fit_brown(ideal, shown, camera, name)
+
+
+def fit_brown(
+    ideal: NDArray[np.float64], shown: NDArray[np.float64], camera: Camera, name: str
+) -> tuple[float, float, float, float, float]:
+    """Fit Brown's model to what another one does, by linear least squares.
+
+    Parameters
+    ----------
+    ideal, shown : ndarray of float64, shape (N, 2)
+        Normalised coordinates without distortion and with it.
+    camera : Camera
+        Gives the focal lengths.
+    name : str
+        Named in errors.
+
+    Returns
+    -------
+    tuple of float
+        k1 k2 p1 p2 k3.
+
+    Raises
+    ------
+    DatasetError
+        If it misses by more than 0.3 px.
+    """
     x, y = ideal.T
     s = x * x + y * y
     # Both rows of Brown's model are linear in k1 k2 p1 p2 k3.
@@ -118,7 +145,7 @@ def _fit(
     misfit = float(np.abs(system @ found - target).max())
     if misfit > _LARGEST_MISFIT_PX:
         raise DatasetError(
-            f"{name} has a rational distortion that Brown's misses by {misfit:.1f} px; {_MEND}"
+            f"{name} has a distortion that Brown's misses by {misfit:.1f} px; {_MEND}"
         )
     k1, k2, p1, p2, k3 = map(float, found)
     return k1, k2, p1, p2, k3

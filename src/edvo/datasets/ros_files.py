@@ -1,6 +1,7 @@
 """Parts of a bag file, read from several threads and never more than is there."""
 
 import bz2
+import os
 import sys
 import threading
 from collections import OrderedDict
@@ -37,7 +38,7 @@ class SharedFile:
         self.path = path
         self._lock = threading.Lock()
         try:
-            self._file = path.open("rb")
+            self._file = path.open("rb", buffering=0)
             self.size = path.stat().st_size
         except OSError as error:
             raise DatasetError(f"cannot read {path}: {error.strerror or error}") from error
@@ -63,9 +64,7 @@ class SharedFile:
         if count < 0 or offset < 0 or offset + count > self.size:
             raise DatasetError(f"{self.path} is cut short or damaged; record or copy it again")
         try:
-            with self._lock:
-                self._file.seek(offset)
-                data = self._file.read(count)
+            data = self._take(offset, count)
         except OSError as error:
             raise DatasetError(f"cannot read {self.path}: {error.strerror or error}") from error
         if len(data) != count:
@@ -75,6 +74,13 @@ class SharedFile:
     def close(self) -> None:
         """Close the file."""
         self._file.close()
+
+    def _take(self, offset: int, count: int) -> bytes:
+        if hasattr(os, "pread"):  # threads need not wait for each other
+            return os.pread(self._file.fileno(), count, offset)
+        with self._lock:
+            self._file.seek(offset)
+            return self._file.read(count)
 
 
 class BoundedPath(type(Path())):  # type: ignore[misc]

@@ -11,9 +11,6 @@ from edvo.datasets.images import decode_image
 from edvo.datasets.ros_messages import CompressedImageMessage, ImageMessage
 from edvo.errors import FrameError
 
-MAX_PIXELS = 1 << 26
-"""Images of more pixels are taken for damaged, before memory is spent on them."""
-
 # Encoding: channels and what makes it grey; colour is needed for nothing else.
 _COLOURS: dict[str, tuple[int, int | None]] = {
     "mono8": (1, None),
@@ -39,8 +36,6 @@ _DEPTHS = {"16uc1": "u2", "mono16": "u2", "32fc1": "f4"}
 
 _PNG = b"\x89PNG\r\n\x1a\n"
 _DEPTH_HEADER = struct.Struct("<iff")  # of compressedDepth: method, and two parameters
-# Markers of JPEG that hold the size: all "start of frame", but for three other things there.
-_FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 
 
 def is_colour(encoding: str) -> bool:
@@ -192,34 +187,6 @@ def decompressed_depth(
     return metres
 
 
-def compressed_size(data: memoryview) -> tuple[int, int] | None:
-    """Find the size of a PNG or JPEG image without decoding it.
-
-    Parameters
-    ----------
-    data : memoryview
-        The image; its beginning is enough for PNG.
-
-    Returns
-    -------
-    (int, int) or None
-        Width and height; None if it is neither or damaged.
-    """
-    if bytes(data[:8]) == _PNG and len(data) >= 24:
-        width, height = struct.unpack(">II", data[16:24])
-        return width, height
-    at = 2
-    if bytes(data[:2]) != b"\xff\xd8":
-        return None
-    while at + 9 <= len(data) and data[at] == 0xFF:
-        marker, length = data[at + 1], int.from_bytes(data[at + 2 : at + 4], "big")
-        if marker in _FRAME_MARKERS:
-            height, width = struct.unpack(">HH", data[at + 5 : at + 9])
-            return width, height
-        at += 1 if marker == 0xFF else 2 + length  # fill bytes may lie before a marker
-    return None
-
-
 def is_16_bit_png(data: memoryview) -> bool:
     """Say whether an image is a PNG of one 16-bit value a pixel."""
     return bytes(data[:8]) == _PNG and len(data) > 25 and (data[24], data[25]) == (16, 0)
@@ -245,7 +212,4 @@ def _rows(
 
 
 def _decode(data: memoryview, where: str) -> NDArray[np.generic]:
-    size = compressed_size(data)
-    if size is not None and size[0] * size[1] > MAX_PIXELS:
-        raise FrameError(f"{where} claims {size[0]}x{size[1]} pixels: damaged")
     return decode_image(bytes(data), where)

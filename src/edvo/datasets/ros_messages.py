@@ -71,6 +71,9 @@ class CameraInfo:
     projection: tuple[float, ...]
 
 
+_SIZES = {code: struct.calcsize(f"<{code}") for code in "BIid"}
+
+
 class _Cursor:
     """Reads one value after the other."""
 
@@ -90,10 +93,11 @@ class _Cursor:
         return int(self.numbers(code, 1)[0])
 
     def numbers(self, code: str, count: int) -> tuple[float, ...]:
-        size = struct.calcsize(code)
+        size = _SIZES[code]
         if self.ros2 and count:
             self.at += (self.start - self.at) % size
         data = self.take(size * count)
+        # `struct` keeps the formats it has compiled.
         return struct.unpack(f"{self.order}{count}{code}", data)
 
     def take(self, count: int) -> memoryview:

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from edvo.datasets.images import compressed_size
 from edvo.datasets.ros_bag import Bag, Topic
 from edvo.datasets.ros_images import (
-    compressed_size,
     is_16_bit_png,
     is_colour,
     is_compressed_depth,
@@ -188,7 +188,7 @@ def check_registration(
     if colour.frame_id and depth.frame_id and colour.frame_id != depth.frame_id:
         return [
             f"{depth.name} is of frame {depth.frame_id} and {colour.name} of {colour.frame_id}: "
-            f"depth is hardly registered to colour; {mend}"
+            f"depth is most likely not registered to colour; {mend}"
         ]
     found = find_camera_info(bag, depth)
     if colour_info is None or found is None or not found[1].intrinsics[0]:
@@ -198,7 +198,7 @@ def check_registration(
     if max(differences) > 0.02 * colour_info.intrinsics[0]:
         return [
             f"{name} has other intrinsics (fx {info.intrinsics[0]:.1f}) than the colour camera's "
-            f"(fx {colour_info.intrinsics[0]:.1f}): depth is hardly registered to colour; {mend}"
+            f"(fx {colour_info.intrinsics[0]:.1f}): depth is most likely not registered to colour; {mend}"
         ]
     return []
 

@@ -3,14 +3,23 @@
 Written after https://colmap.github.io/format.html#text-format.
 """
 
+from collections.abc import Sequence
+from pathlib import Path
+
 from edvo import se3
 from edvo.camera import Camera
 from edvo.export.edge_map import EdgePoints
-from edvo.export.pixels import corner_principal_point, image_names
+from edvo.export.pixels import corner_principal_point
 from edvo.trajectory import Trajectory
 
 
-def to_colmap(trajectory: Trajectory, camera: Camera, points: EdgePoints) -> dict[str, str]:
+def to_colmap(
+    trajectory: Trajectory,
+    camera: Camera,
+    points: EdgePoints,
+    names: Sequence[str],
+    folder: Path | None = None,
+) -> dict[str, str]:
     """Format a model.
 
     Parameters
@@ -22,6 +31,10 @@ def to_colmap(trajectory: Trajectory, camera: Camera, points: EdgePoints) -> dic
         Of all images: PINHOLE; with distortion OPENCV, and FULL_OPENCV where k3 is not zero.
     points : EdgePoints
         For programs that start from points; none was seen in any image, as far as COLMAP knows.
+    names : sequence of str
+        Of the image of each pose.
+    folder : pathlib.Path, optional
+        Where the images are; said in a comment.
 
     Returns
     -------
@@ -30,7 +43,7 @@ def to_colmap(trajectory: Trajectory, camera: Camera, points: EdgePoints) -> dic
     """
     return {
         "cameras.txt": _camera(camera),
-        "images.txt": _images(trajectory),
+        "images.txt": _images(trajectory, names, folder),
         "points3D.txt": _points(points),
     }
 
@@ -47,9 +60,10 @@ def _camera(camera: Camera) -> str:
     return f"# CAMERA_ID MODEL WIDTH HEIGHT PARAMS\n{row}\n"
 
 
-def _images(trajectory: Trajectory) -> str:
+def _images(trajectory: Trajectory, names: Sequence[str], folder: Path | None) -> str:
     lines = ["# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME", "# (points: none)"]
-    names = image_names(trajectory.stamps)
+    if folder is not None:
+        lines.append("# images: " + " ".join(str(folder).split()))
     for number, (name, T_world_cam) in enumerate(
         zip(names, trajectory.poses, strict=True), start=1
     ):

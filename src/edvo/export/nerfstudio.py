@@ -4,11 +4,12 @@ Written after https://docs.nerf.studio/quickstart/data_conventions.html.
 """
 
 import json
+from collections.abc import Sequence
 
 import numpy as np
 
 from edvo.camera import Camera
-from edvo.export.pixels import corner_principal_point, image_names
+from edvo.export.pixels import corner_principal_point
 from edvo.trajectory import Trajectory
 
 IMAGES = "images"
@@ -16,7 +17,9 @@ T_CAM_GL = np.diag([1.0, -1.0, -1.0, 1.0])
 """Maps points of OpenGL's camera (x right, y up, z back) to ours (x right, y down, z forward)."""
 
 
-def to_nerfstudio(trajectory: Trajectory, camera: Camera, points_file: str | None) -> str:
+def to_nerfstudio(
+    trajectory: Trajectory, camera: Camera, points_file: str | None, names: Sequence[str]
+) -> str:
     """Format poses and camera as JSON.
 
     Parameters
@@ -27,11 +30,13 @@ def to_nerfstudio(trajectory: Trajectory, camera: Camera, points_file: str | Non
         Of all images.
     points_file : str or None
         PLY file to start from, relative to this one.
+    names : sequence of str
+        Of the image of each pose.
 
     Returns
     -------
     str
-        Images are named ``images/STAMP.png``.
+        Images are named ``images/NAME``.
     """
     cx, cy = corner_principal_point(camera)
     k1, k2, p1, p2, k3 = camera.distortion
@@ -52,7 +57,7 @@ def to_nerfstudio(trajectory: Trajectory, camera: Camera, points_file: str | Non
         **({} if points_file is None else {"ply_file_path": points_file}),
         "frames": [
             {"file_path": f"{IMAGES}/{name}", "transform_matrix": matrix}
-            for name, matrix in zip(image_names(trajectory.stamps), matrices, strict=True)
+            for name, matrix in zip(names, matrices, strict=True)
         ],
     }
     return json.dumps(content, indent=1) + "\n"

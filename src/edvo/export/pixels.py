@@ -1,6 +1,8 @@
 """What COLMAP and nerfstudio share: pixel coordinates from a corner, and names of images."""
 
+import os
 from collections.abc import Sequence
+from pathlib import Path
 
 from edvo.camera import Camera
 
@@ -21,17 +23,29 @@ def corner_principal_point(camera: Camera) -> tuple[float, float]:
     return camera.cx + 0.5, camera.cy + 0.5
 
 
-def image_names(stamps: Sequence[str]) -> list[str]:
-    """Name the colour image of each frame, as TUM sequences do.
+def image_names(
+    source: object, indices: Sequence[int], stamps: Sequence[str]
+) -> tuple[list[str], Path | None]:
+    """Name the colour image of each frame.
 
     Parameters
     ----------
-    stamps : sequence of str
-        Times as the source writes them.
+    source : object
+        What was tracked. Where its images are files it has ``colour_files``, their paths.
+    indices : sequence of int, length N
+        Frames that are named.
+    stamps : sequence of str, length N
+        Their times as the source writes them.
 
     Returns
     -------
-    list of str
-        ``STAMP.png``.
+    names : list of str
+        Of the files, relative to the folder; ``STAMP.png`` where there are none.
+    folder : pathlib.Path or None
+        The one that all files of the source lie in, if there are files.
     """
-    return [f"{stamp}.png" for stamp in stamps]
+    files: Sequence[Path] | None = getattr(source, "colour_files", None)
+    if not files:
+        return [f"{stamp}.png" for stamp in stamps], None
+    folder = Path(os.path.commonpath([file.parent for file in files]))
+    return [files[index].relative_to(folder).as_posix() for index in indices], folder

@@ -15,6 +15,7 @@ from edvo.export.euroc import to_euroc
 from edvo.export.kitti import to_kitti
 from edvo.export.mesh import fuse
 from edvo.export.nerfstudio import to_nerfstudio
+from edvo.export.pixels import image_names
 from edvo.export.ply import to_ply
 from edvo.files import output_folder, write_atomically
 from edvo.report.plots import direction_colours
@@ -114,17 +115,19 @@ def _euroc(material: Material) -> dict[str, str | bytes]:
 
 def _colmap(material: Material) -> dict[str, str | bytes]:
     points = material.edges.thinned(_STARTING_POINTS)
-    files = to_colmap(material.trajectory, material.source.camera, points)
+    names = image_names(material.source, material.indices, material.trajectory.stamps)
+    files = to_colmap(material.trajectory, material.source.camera, points, *names)
     return {f"colmap/{name}": content for name, content in files.items()}
 
 
 def _nerfstudio(material: Material) -> dict[str, str | bytes]:
     points = material.edges.thinned(_STARTING_POINTS)
     grey = np.repeat(points.grey[:, None], 3, axis=1)
+    names, _ = image_names(material.source, material.indices, material.trajectory.stamps)
     return {
         f"nerfstudio/{_EDGES}": to_ply(points.points, grey, comment="edvo edges"),
         "nerfstudio/transforms.json": to_nerfstudio(
-            material.trajectory, material.source.camera, _EDGES
+            material.trajectory, material.source.camera, _EDGES, names
         ),
     }
 

@@ -26,6 +26,7 @@ def open_any(
     light: str | None = None,
     severity: float = 0.5,
     seed: int = 0,
+    open_path: Callable[..., Source] = open_source,
 ) -> Source:
     """Open a recording or a scene, under another light if one is asked for.
 
@@ -43,6 +44,8 @@ def open_any(
         How hard the light changes.
     seed : int
         Of scene and light.
+    open_path : callable
+        Opens a path with ``format`` and ``camera``.
 
     Returns
     -------
@@ -60,7 +63,7 @@ def open_any(
         scene = text.removeprefix(SCENE_PREFIX)
         source = SyntheticSource(make_recipe(scene, frames=frames, camera=lens, seed=seed))
     else:
-        source = open_source(text, format=format, camera=camera)
+        source = open_path(Path(text), format=format, camera=camera)
     if light is None:
         return source
     return RelitSource(source, Relighter(light, severity=severity, seed=seed))

@@ -165,6 +165,7 @@ def summarise(run: Run, config: Config, evaluation: Evaluation | None = None) ->
             "degraded": degraded,
             "lost": lost,
             "unreadable": len(run.problems),
+            "dropped": run.dropped,
             "keyframes": sum(record.is_keyframe for record in run.frames),
         },
         "coverage": (tracked + degraded) / len(run.frames) if run.frames else 0.0,

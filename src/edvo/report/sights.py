@@ -71,15 +71,46 @@ def look_again(sight: Sight, camera: Camera, config: Config) -> Seen:
     Seen
         Without matches where the frame was not registered.
     """
-    frame, result = sight.frame, sight.result
+    reference = None
+    if sight.keyframe is not None:
+        reference = extract_edges(sight.keyframe.grey, config.edges).describe(camera).pixels
+    return look(sight.frame, sight.result, reference, camera, config)
+
+
+def look(
+    frame: Frame,
+    result: TrackedFrame,
+    reference: NDArray[np.floating] | None,
+    camera: Camera,
+    config: Config,
+) -> Seen:
+    """Find again, in a frame, the edges and samples that the tracker had.
+
+    Parameters
+    ----------
+    frame : Frame
+        What was tracked.
+    result : TrackedFrame
+        What was made of it.
+    reference : ndarray, shape (N, 2), or None
+        Edge pixels of the keyframe that it was registered with; None where they are not known.
+    camera : Camera
+        Of both frames.
+    config : Config
+        Of the odometry that gave the result.
+
+    Returns
+    -------
+    Seen
+        Without matches where the frame was not registered, or the keyframe is not known.
+    """
     image = extract_edges(frame.grey, config.edges)
     edges = image.describe(camera)
     samples = references = np.empty((0, 2), np.float32)
     residuals = np.empty(0)
-    if result.alignment is not None and sight.keyframe is not None:
+    if result.alignment is not None and reference is not None:
         seed = config.seed * SEED_STRIDE + result.index
         drawn = sample_edges(image, frame.depth, camera, config.sampling, config.edges, seed).pixels
-        reference = extract_edges(sight.keyframe.grey, config.edges).describe(camera).pixels
         matches = result.alignment.matches
         matched = matches >= 0
         samples, references = drawn[matched], reference[matches[matched]]

@@ -140,12 +140,15 @@ class Run:
         Frames that were to be tracked; more than there are records if the run was interrupted.
     wall_s : float
         Wall time of the whole loop, decoding included, seconds.
+    dropped : int
+        Frames of a camera that there was no time for; they are not among `frames`.
     """
 
     source: Source
     frames: Sequence[FrameRecord]
     wanted: int
     wall_s: float
+    dropped: int = 0
 
     @property
     def interrupted(self) -> bool:
@@ -317,14 +320,30 @@ def track_together(
             if stop is not None and stop():
                 break
             for records, tracker, clock in zip(frames, trackers, clocks, strict=True):
-                records.append(_track(tracker, reading, clock))
+                records.append(track_reading(tracker, reading, clock))
             if on_frame is not None:
                 on_frame([records[-1] for records in frames])
     wall_s = time.perf_counter() - begin
     return [Run(source, records, len(wanted), wall_s) for records in frames]
 
 
-def _track(tracker: Tracker, reading: Reading, clock: StageClock | None) -> FrameRecord:
+def track_reading(tracker: Tracker, reading: Reading, clock: StageClock | None) -> FrameRecord:
+    """Track one frame, or have it skipped if it could not be read.
+
+    Parameters
+    ----------
+    tracker : Tracker
+        What tracks.
+    reading : Reading
+        The frame.
+    clock : StageClock or None
+        The clock that the tracker was given.
+
+    Returns
+    -------
+    FrameRecord
+        What came of it.
+    """
     if reading.frame is None:
         return _skip(tracker, reading, reading.problem or "no images")
     begin = time.perf_counter()

@@ -1,0 +1,108 @@
+"""`edvo live`."""
+
+import math
+import signal
+import time
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+
+from edvo.cli.compiling import compile_now
+from edvo.cli.configuration import configure
+from edvo.cli.interrupt import stop_on_interrupt
+from edvo.cli.run import errors_of, tell
+from edvo.cli.terminal import note, say, status_line
+from edvo.clock import StageClock
+from edvo.datasets.devices import device_kinds, open_device
+from edvo.errors import DatasetError
+from edvo.files import output_folder
+from edvo.odometry import Odometry, Status
+from edvo.report.live import track_device
+from edvo.report.results import write_results
+from edvo.report.tracking import FrameRecord
+
+_TELL_EVERY_S = 0.1
+
+
+def list_devices() -> None:
+    """Print what can be given for DEVICE."""
+    for kind in device_kinds():
+        say(f"{kind.name:10} {kind.about}")
+
+
+def live(
+    which: str,
+    out: Path,
+    *,
+    preset: str | None,
+    config_file: Path | None,
+    overrides: list[str],
+    seed: int | None,
+    camera: str | None,
+    max_frames: int | None,
+) -> None:
+    """Track a camera until Ctrl-C and write what came of it; see `edvo.cli.app.live`."""
+    config = configure(preset, config_file, overrides, seed)
+    device = open_device(which, camera=camera)
+    try:
+        folder = output_folder(out)
+        cv2.setNumThreads(1)
+        compile_now(config)
+        clock = StageClock()
+        odometry = Odometry(device.camera, config, clock=clock)
+    except BaseException:
+        device.close()
+        raise
+    note(f"{device.name}: tracking; Ctrl-C ends it and keeps the results")
+    # Who runs a camera as a service ends it by SIGTERM, and wants the results too.
+    with (
+        stop_on_interrupt((signal.SIGINT, signal.SIGTERM)) as stop,
+        status_line(f"{device.name}: waiting for a frame") as show,
+    ):
+        done, failure = track_device(
+            device,
+            odometry,
+            max_frames=max_frames,
+            clock=clock,
+            on_frame=_Line(show).after,
+            stop=stop,
+        )
+    if not done.frames:
+        raise failure or DatasetError(f"{device.name}: no frame came before the end")
+    errors = errors_of(done)
+    write_results(done, folder, config, errors)
+    total = len(done.frames) + done.dropped
+    note(f"dropped {done.dropped} of {total} frames to keep up with the camera")
+    tell(done, folder, errors)
+    if failure is not None:
+        raise DatasetError(f"{failure}; {folder} holds all that was tracked")
+
+
+class _Line:
+    """What the terminal shows while the camera runs."""
+
+    def __init__(self, show: Callable[[str], None]) -> None:
+        self._show = show
+        self._last = -math.inf
+        self._times: deque[float] = deque(maxlen=30)
+        self._frames = 0
+
+    def after(self, record: FrameRecord, dropped: int) -> None:
+        """Tell of a frame, but not of each."""
+        now = time.monotonic()
+        self._frames += 1
+        self._times.append(now)
+        if now - self._last < _TELL_EVERY_S:
+            return
+        self._last = now
+        rate = (len(self._times) - 1) / max(now - self._times[0], 1e-9)
+        x, y, z = record.T_world_cam[:3, 3].tolist()
+        status = record.status.value
+        if record.status is not Status.TRACKED:
+            status += f" ({record.reason})"
+        self._show(
+            f"{self._frames} frames, {rate:.0f} a second, {dropped} dropped; "
+            f"x {x:+.3f} y {y:+.3f} z {z:+.3f} m; {status}"
+        )

@@ -1,0 +1,170 @@
+"""`edvo live`: the files of a run, from something that does not wait."""
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Generator
+from pathlib import Path
+
+import pytest
+
+from edvo.datasets import Reading, open_source
+from edvo.datasets.devices.replay import Replay
+from edvo.errors import DatasetError
+from edvo.trajectory import Trajectory
+
+from .conftest import Command, stamp
+
+
+def rows(folder: Path) -> list[dict[str, str]]:
+    with (folder / "frames.csv").open() as stream:
+        return list(csv.DictReader(stream))
+
+
+class Fake:
+    """A camera that gives its frames at once, and may fail."""
+
+    format = "fake"
+    missed = 0
+
+    def __init__(self, recording: Path, fails_after: int | None = None) -> None:
+        self._source = open_source(recording)
+        self.name, self.path = "fake 1", Path("fake")
+        self.camera, self.camera_origin = self._source.camera, "the device"
+        self.ground_truth = None
+        self.closed = False
+        self._fails_after = fails_after
+
+    def readings(self) -> Generator[Reading, None, None]:
+        for index in range(len(self._source)):
+            if index == self._fails_after:
+                raise DatasetError("fake 1: unplugged; plug it in")
+            yield self._source.read(index)
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def test_writes_what_run_writes(edvo: Command, whole_sequence: Path, tmp_path: Path) -> None:
+    done = edvo("live", f"replay:{whole_sequence}", "-o", tmp_path / "out")
+    assert done.status == 0, done.err
+    assert {file.name for file in (tmp_path / "out").iterdir()} == {
+        "trajectory.txt",
+        "frames.csv",
+        "summary.json",
+        "config.yaml",
+    }
+    summary = json.loads((tmp_path / "out/summary.json").read_text())
+    found = rows(tmp_path / "out")
+    frames = summary["frames"]
+    assert frames["processed"] == len(found) >= 1
+    assert frames["processed"] + frames["dropped"] == 36
+    assert f"dropped {frames['dropped']} of 36 frames" in done.err
+    assert {row["timestamp"] for row in found} <= {stamp(index) for index in range(36)}
+    kept = [row["timestamp"] for row in found if row["status"] != "lost"]
+    assert list(Trajectory.read(tmp_path / "out/trajectory.txt").stamps) == kept
+    assert summary["source"]["format"] == "replay"
+    assert summary["interrupted"] is False
+
+
+def test_a_camera_that_fails_leaves_its_results(
+    edvo: Command, whole_sequence: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device = Fake(whole_sequence, fails_after=8)
+    monkeypatch.setattr("edvo.cli.live.open_device", lambda which, camera: device)
+    done = edvo("live", "fake", "-o", tmp_path)
+    assert done.status == 1
+    assert "unplugged" in done.err
+    assert str(tmp_path) in done.err.splitlines()[-1]
+    assert device.closed
+    assert (
+        len(rows(tmp_path))
+        + json.loads((tmp_path / "summary.json").read_text())["frames"]["dropped"]
+        == 8
+    )
+
+
+def test_a_camera_without_a_frame_writes_nothing(
+    edvo: Command, whole_sequence: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device = Fake(whole_sequence, fails_after=0)
+    monkeypatch.setattr("edvo.cli.live.open_device", lambda which, camera: device)
+    done = edvo("live", "fake", "-o", tmp_path)
+    assert done.status == 1
+    assert "unplugged" in done.err
+    assert not list(tmp_path.iterdir())
+
+
+def test_ends_after_so_many_frames(edvo: Command, whole_sequence: Path, tmp_path: Path) -> None:
+    done = edvo("live", f"replay:{whole_sequence}", "-o", tmp_path, "--max-frames", 1)
+    assert done.status == 0, done.err
+    assert len(rows(tmp_path)) == 1
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_interrupting_keeps_the_results(
+    whole_sequence: Path, tmp_path: Path, how: signal.Signals
+) -> None:
+    # Ten times slower, so that it can be ended before its end; it says when it is in the middle.
+    slow = (
+        "from edvo.datasets.devices import replay, registry\n"
+        "from edvo.cli import live, main\n"
+        "init = replay.Replay.__init__\n"
+        "replay.Replay.__init__ = lambda self, source: init(self, source, rate=0.1)\n"
+        "after = live._Line.after\n"
+        "def tell(self, record, dropped):\n"
+        "    after(self, record, dropped)\n"
+        "    print('a frame', flush=True)\n"
+        "live._Line.after = tell\n"
+        "main()\n"
+    )
+    command = [sys.executable, "-c", slow, "live", f"replay:{whole_sequence}", "-o", str(tmp_path)]
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "a frame\n"
+    os.kill(process.pid, how)
+    _, errors = process.communicate(timeout=120)
+    assert process.returncode == 0, errors
+    assert "Traceback" not in errors
+    assert 1 <= len(rows(tmp_path)) < 36
+    assert (tmp_path / "summary.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [(["webcam", "-o", "x"], "webcam"), (["replay:/no/where", "-o", "x"], "/no/where")],
+)
+def test_what_is_no_camera(
+    edvo: Command,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: list[str],
+    named: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = edvo("live", *arguments)
+    assert done.status == 1
+    assert named in done.err
+    assert done.err.count("\n") == 1
+    assert not (tmp_path / "x").exists()
+
+
+def test_lists_what_there_is(edvo: Command) -> None:
+    done = edvo("live", "--list")
+    assert done.status == 0
+    assert "replay" in done.out
+
+
+def test_needs_a_device_and_a_folder(edvo: Command) -> None:
+    assert edvo("live").status == 2
+    assert edvo("live", "realsense").status == 2
+
+
+def test_replay_is_a_device(whole_sequence: Path) -> None:
+    with pytest.raises(DatasetError, match="rate"):
+        Replay(open_source(whole_sequence), rate=0.0)

@@ -1,0 +1,172 @@
+"""Recordings as RealSense's SDK writes them."""
+
+import struct
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.rosbag1 import Writer
+
+from edvo import se3
+from edvo.camera import Camera
+
+from .ros_bags import TYPES, Message, camera_info, image, serialise
+
+ZERO = (0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@dataclass
+class Device:
+    """What the camera says of itself; the images are all of the cameras' size."""
+
+    colour: Camera
+    depth: Camera
+    T_colour_depth: NDArray[np.float64] = field(default_factory=lambda: np.eye(4))
+    model: str = "Inverse Brown Conrady"
+    coefficients: Sequence[float] = ZERO
+    units: float = 0.001
+
+    def streams(self) -> tuple[tuple[Camera, str, Sequence[float]], ...]:
+        """Depth's and colour's, as the SDK numbers them."""
+        return (self.depth, "Brown Conrady", ZERO), (self.colour, self.model, self.coefficients)
+
+
+Images = Sequence[tuple[float, NDArray[np.uint8], NDArray[np.uint16]]]
+"""Seconds, colour (RGB), depth."""
+
+
+def write_old(path: Path, device: Device, images: Images, **changes: Any) -> Path:
+    """Write a .bag: version 2.56 of the SDK and before.
+
+    `changes` puts another message in the place of those of a topic, or None for none.
+    """
+    info, kinds = "realsense_msgs/msg/StreamInfo", ("Depth_0", "Color_0")
+    if info not in TYPES[False].types:
+        from rosbags.typesys import get_types_from_msg
+
+        text = "uint32 fps\nstring encoding\nbool is_recommended\n"
+        TYPES[False].register(get_types_from_msg(text, info))
+    messages = [Message("/file_version", "std_msgs/msg/UInt32", 0.0, raw=struct.pack("<I", 4))]
+    pair = "diagnostic_msgs/msg/KeyValue"
+    messages.append(Message("/device_0/info", pair, 0.0, raw=_texts("Name", "Fake D435")))
+    T = (np.eye(4), device.T_colour_depth)  # of each stream and the reference, which is depth
+    for number, (camera, model, coefficients) in enumerate(device.streams()):
+        sensor = f"/device_0/sensor_{number}"
+        base, encoding = f"{sensor}/{kinds[number]}", ("mono16", "rgb8")[number]
+        told = camera_info(
+            f"{base}/info/camera_info",
+            0.0,
+            width=camera.width,
+            height=camera.height,
+            k=(camera.fx, camera.fy, camera.cx, camera.cy),
+            d=coefficients,
+            model=model,
+            frame="",
+        )
+        told.recorded = 0.0
+        translation, quaternion = se3.to_quaternion(T[number])
+        stream = struct.pack("<I", 30) + _texts(encoding) + b"\0"
+        place = struct.pack("<7d", *translation, *quaternion)
+        messages += [
+            Message(f"{base}/info", info, 0.0, raw=stream),
+            told,
+            Message(f"{sensor}/info", pair, 0.0, raw=_texts("Name", f"Sensor {number}")),
+            Message(f"{base}/tf/1", "geometry_msgs/msg/Transform", 0.0, raw=place),
+        ]
+        for index, (seconds, colour, depth) in enumerate(images):
+            shown = depth if number == 0 else colour
+            recorded = 0.01 + (seconds - images[0][0]) + 0.001 * number
+            made = image(f"{base}/image/data", seconds, shown, encoding, frame="1")
+            # The SDK's images end with their depth unit, which ROS's do not have.
+            unit = struct.pack("<f", 0.0 if number else device.units)
+            raw = bytes(serialise(made, False)) + unit
+            messages.append(Message(made.topic, made.type, recorded, raw=raw))
+            numbers = {"Frame number": index, "timestamp_domain": "System Time"}
+            for key, value in numbers.items():
+                name = f"{base}/image/metadata"
+                messages.append(Message(name, pair, recorded, raw=_texts(key, str(value))))
+    units = struct.pack("<f", device.units)
+    name = "/device_0/sensor_0/option/Depth_Units"
+    messages.append(Message(f"{name}/value", "std_msgs/msg/Float32", 0.0, raw=units))
+    messages.append(Message(f"{name}/description", "std_msgs/msg/String", 0.0, raw=_texts("units")))
+    for topic, change in changes.items():
+        kept = [message for message in messages if not message.topic.endswith(topic)]
+        if change is not None:
+            old = next(message for message in messages if message.topic.endswith(topic))
+            kept.append(Message(old.topic, old.type, old.recorded, raw=change))
+        messages = kept
+    path = path.with_suffix(".bag")
+    with Writer(path) as writer:
+        connections: dict[str, Any] = {}
+        for message in sorted(messages, key=lambda message: message.recorded):
+            topic, kind = message.topic, message.type
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=TYPES[False])
+            data = message.raw if message.raw is not None else serialise(message, False)
+            # What does not change is written at the first instant that ROS has: 1 ns.
+            writer.write(connections[topic], max(round(1e9 * message.recorded), 1), data)
+    return path
+
+
+def write_new(path: Path, device: Device, images: Images) -> Path:
+    """Have the SDK itself write a .db3, of its software device: version 2.57 and after."""
+    import pyrealsense2 as rs
+
+    software = rs.software_device()
+    sensors = [software.add_sensor(name) for name in ("Stereo Module", "RGB Camera")]
+    kinds = ((rs.stream.depth, rs.format.z16, 2), (rs.stream.color, rs.format.rgb8, 3))
+    profiles = []
+    for number, (camera, model, coefficients) in enumerate(device.streams()):
+        stream = rs.video_stream()
+        stream.type, stream.fmt, stream.bpp = kinds[number]
+        stream.index, stream.uid, stream.fps = 0, number + 1, 30
+        stream.width, stream.height = camera.width, camera.height
+        stream.intrinsics = intrinsics(camera, model, coefficients)
+        profiles.append(sensors[number].add_video_stream(stream))
+    sensors[0].add_read_only_option(rs.option.depth_units, device.units)
+    place = rs.extrinsics()
+    place.rotation = device.T_colour_depth[:3, :3].T.ravel().tolist()
+    place.translation = device.T_colour_depth[:3, 3].tolist()
+    profiles[0].register_extrinsics_to(profiles[1], place)
+    recorder = rs.recorder(str(path), software)
+    recording = recorder.query_sensors()
+    for sensor, profile in zip(recording, profiles, strict=True):
+        sensor.open(profile)
+        sensor.start(lambda frame: None)
+    for index, (seconds, colour, depth) in enumerate(images):
+        for number, shown in enumerate((depth, colour)):
+            frame = rs.software_video_frame()
+            frame.pixels = np.ascontiguousarray(shown)
+            frame.bpp = kinds[number][2]
+            frame.stride = shown.shape[1] * frame.bpp
+            frame.timestamp, frame.frame_number = 1000 * seconds, index
+            frame.domain = rs.timestamp_domain.system_time
+            frame.profile = profiles[number].as_video_stream_profile()
+            if number == 0:
+                frame.depth_units = device.units
+            sensors[number].on_video_frame(frame)
+        time.sleep(0.03)  # the recorder writes in a thread and drops what it is too slow for
+    for sensor in recording:
+        sensor.stop()
+        sensor.close()
+    return path
+
+
+def intrinsics(camera: Camera, model: str, coefficients: Sequence[float]) -> Any:
+    """Make the SDK's object of a camera."""
+    import pyrealsense2 as rs
+
+    made = rs.intrinsics()
+    made.width, made.height = camera.width, camera.height
+    made.fx, made.fy, made.ppx, made.ppy = camera.fx, camera.fy, camera.cx, camera.cy
+    made.model = getattr(rs.distortion, model.lower().replace(" ", "_"))
+    made.coeffs = list(coefficients)
+    return made
+
+
+def _texts(*texts: str) -> bytes:
+    return b"".join(struct.pack("<I", len(text)) + text.encode() for text in texts)
