@@ -116,7 +116,7 @@ def test_a_corner_leaves_nothing():
 
 def test_without_anything_all_is_unknown():
     zero = np.zeros((6, 6))
-    C = combine(zero, np.zeros((5, 6, 6)), 1.0)
+    C = combine(zero, np.zeros((4, 6, 6)), 1.0)
     np.testing.assert_allclose(C, np.diag(1 / PRIOR))
     assert [len(name) > 0 for name in names(C)] == [True] * 6
     assert names(C)[:3] == [f"translation along {axis}" for axis in "xyz"]
@@ -156,7 +156,7 @@ def test_directions_span_what_is_loose(seed):
 
 
 def rows_by_numpy(problem, found, weight, tuning):
-    """Of the matched samples: J, how much the other image's differs, r, w, normal, cell, depth."""
+    """Of the matched samples: J, how much the other image's differs, r, w, cell, depth."""
     has = found.matches >= 0
     edges = problem.reference
     points = problem.samples.points(problem.camera)[has]
@@ -182,7 +182,7 @@ def rows_by_numpy(problem, found, weight, tuning):
     turned = points @ found.T_ref_cur[:3, :3].T
     noise = DEPTH_NOISE["kinect_v1"].sigma_z(points[:, 2])
     by_depth = (J[:, :3] * turned).sum(axis=1) / points[:, 2] * noise
-    return J, J - jacobian(other), r, w, normal, cell, by_depth
+    return J, J - jacobian(other), r, w, cell, by_depth
 
 
 def noisy_problem(seed):
@@ -204,7 +204,7 @@ def test_parts_equal_their_numpy_twin(seed):
     H, blur, parts = uncertainty.parts(
         index, problem.samples, NO_PLANES, NO_POINTS, EDGES_ALONE, found
     )
-    J, D, r, w, normal, cell, by_depth = rows_by_numpy(problem, found, "tukey", 4.6851)
+    J, D, r, w, cell, by_depth = rows_by_numpy(problem, found, "tukey", 4.6851)
     np.testing.assert_allclose(H, J.T @ (w[:, None] * J), rtol=1e-6)
     np.testing.assert_allclose(blur, D.T @ (w[:, None] * D) / 2, rtol=1e-4, atol=1e-5 * blur.max())
 
@@ -217,7 +217,6 @@ def test_parts_equal_their_numpy_twin(seed):
     wanted = [
         shared(wJ * r[:, None]),
         np.zeros((6, 6)),
-        shared(wJ * normal[:, :1]) + shared(wJ * normal[:, 1:]),
         shared(wJ * by_depth[:, None]),
         np.outer(total, total),
     ]
@@ -262,7 +261,7 @@ def test_depth_derivative_by_finite_differences():
     w = H[0, 0] / J[0] ** 2
     np.testing.assert_allclose(H, w * np.outer(J, J), rtol=1e-3, atol=1e-3 * np.abs(H).max())
     wanted = (w * slope * noise) ** 2 * np.outer(J, J)
-    np.testing.assert_allclose(parts[3], wanted, rtol=2e-2, atol=2e-2 * np.abs(wanted).max())
+    np.testing.assert_allclose(parts[2], wanted, rtol=2e-2, atol=2e-2 * np.abs(wanted).max())
 
 
 def test_planes_equal_their_numpy_twin():
@@ -294,7 +293,7 @@ def test_planes_equal_their_numpy_twin():
     np.testing.assert_allclose(
         parts[1], sums.T @ sums, rtol=1e-5, atol=1e-6 * np.abs(parts[1]).max()
     )
-    assert not parts[[0, 2, 3, 4]].any()
+    assert not parts[[0, 2, 3]].any()
 
 
 # ------------------------------------------------------------------------------- frames

@@ -1438,7 +1438,7 @@ def score_parts(
     blur: F64,
     parts: F64,
 ) -> None:
-    """Write the curvature H at T and what scatters the score J^T W r there, parts (5, 6, 6).
+    """Write the curvature H at T and what scatters the score J^T W r there, parts (4, 6, 6).
 
     Normals are noisy, and where all of them are parallel that noise alone looks like knowledge of
     what lies across them. ``blur`` is that part of H: the normals of the other image, that of
@@ -1447,18 +1447,16 @@ def score_parts(
 
     Errors are taken to be shared within a square cell of the reference image and independent
     between cells. With s_c the sum over cell c, the parts are: the scores of edges that are
-    observed, s(w J r); those of planes; that of edges which are off together by a pixel,
-    s(w J n^T); that of depths which are off together by their ``noise`` (N,), m; and the score of
-    all edges at once, which that of the planes holds in balance. H is in px^2, as is that of
-    ``align``; parts are in px^4, the third in px^2.
+    observed, s(w J r); those of planes; that of depths which are off together by their ``noise``
+    (N,), m; and the score of all edges at once, which that of the planes holds in balance. H is in
+    px^2, as is that of ``align``; parts are in px^4.
     """
     H[:] = 0
     blur[:] = 0
     parts[:] = 0
     cols = int(camera.width / cell) + 1
     count = cols * (int(camera.height / cell) + 1)
-    seen, shift_u, shift_v = np.zeros((count, 6)), np.zeros((count, 6)), np.zeros((count, 6))
-    nearer, flat = np.zeros((count, 6)), np.zeros((count, 6))
+    seen, flat, nearer = np.zeros((count, 6)), np.zeros((count, 6)), np.zeros((count, 6))
     total = np.zeros((1, 6))
     J, D = np.empty(6), np.zeros(6)
     roll = np.hypot(T[0, 0], T[1, 0])
@@ -1504,8 +1502,6 @@ def score_parts(
         for m in range(6):
             wj = w * J[m]
             seen[c, m] += wj * r
-            shift_u[c, m] += wj * nu
-            shift_v[c, m] += wj * nv
             nearer[c, m] += wj * by_depth
             total[0, m] += wj * r
             for n in range(m + 1):
@@ -1544,13 +1540,11 @@ def score_parts(
                     blur[m, n] += 0.5 * w * D[m] * D[n]
     add_outer(seen, parts[0])
     add_outer(flat, parts[1])
-    add_outer(shift_u, parts[2])
-    add_outer(shift_v, parts[2])
-    add_outer(nearer, parts[3])
-    add_outer(total, parts[4])
+    add_outer(nearer, parts[2])
+    add_outer(total, parts[3])
     for m in range(6):
         for n in range(m):
             H[n, m] = H[m, n]
             blur[n, m] = blur[m, n]
-            for part in range(5):
+            for part in range(4):
                 parts[part, n, m] = parts[part, m, n]

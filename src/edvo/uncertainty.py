@@ -35,12 +35,11 @@ class Shares(NamedTuple):
 
     edges: float  # of the scores that are observed
     planes: float
-    shift: float  # px^2, of edges that are off together
     depth: float  # of depths that are off together by the sensor's noise
     tension: float  # of edges against planes
 
 
-SHARES = Shares(edges=4.4, planes=2.4, shift=0.0115, depth=2.8, tension=2.1)
+SHARES = Shares(edges=9.3, planes=2.9, depth=1.0, tension=3.1)
 
 
 class Uncertainty:
@@ -90,10 +89,10 @@ class Uncertainty:
             J^T W J at the pose found, px^2.
         blur : ndarray of float64, shape (6, 6)
             What of H is noise of the normals, about.
-        parts : ndarray of float64, shape (5, 6, 6)
+        parts : ndarray of float64, shape (4, 6, 6)
             Covariances of the score J^T W r by each source of error, in the order of `Shares`.
         """
-        H, blur, parts = np.empty((6, 6)), np.empty((6, 6)), np.empty((5, 6, 6))
+        H, blur, parts = np.empty((6, 6)), np.empty((6, 6)), np.empty((4, 6, 6))
         kernels.score_parts(
             reference.edges.pixels,
             reference.edges.gradients,
@@ -167,7 +166,7 @@ def combine(
     ----------
     known : ndarray of float64, shape (..., 6, 6)
         By `without_blur`, of any number of registrations.
-    parts : ndarray of float64, shape (..., 5, 6, 6)
+    parts : ndarray of float64, shape (..., 4, 6, 6)
         See `Uncertainty.parts`.
     sigma_px : array_like of float, shape (...)
         Scale of the residuals.
