@@ -131,7 +131,7 @@ def pair(family: int, number: int) -> Outcome | None:
         return None
     config = Config(seed=number)
     odometry = Odometry(source.camera, config)
-    recorder = _Recorder(source.camera, config, odometry._registration)
+    recorder = _Recorder(source.camera, config, odometry._registration.solver)
     odometry._uncertainty = recorder
     odometry.track(frames[0])
     odometry._T_key_last = se3.exp(rng.standard_normal(6) * GUESS) @ T_true

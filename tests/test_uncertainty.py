@@ -38,7 +38,7 @@ NO_EDGES = EdgePixels(*(np.zeros(shape, np.float32) for shape in ((0, 2), (0, 2)
 
 def estimator(camera=CAMERA, config=CONFIG):
     registration = Registration(camera, config.matching, config.registration)
-    return registration, Uncertainty(camera, config, registration)
+    return registration, Uncertainty(camera, config, registration.solver)
 
 
 def depth_of(*planes):

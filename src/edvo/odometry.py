@@ -147,7 +147,7 @@ class Odometry:
             start_stride=self.config.motion.prior_stride,
         )
         self._fitter = PlaneFitter(camera, self.config.planes)
-        self._uncertainty = Uncertainty(camera, self.config, self._registration)
+        self._uncertainty = Uncertainty(camera, self.config, self._registration.solver)
         self.reset()
 
     def reset(self, T_world_cam: NDArray[np.float64] | None = None) -> None:

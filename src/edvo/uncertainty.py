@@ -17,7 +17,7 @@ from edvo.config import Config
 from edvo.edges import EdgePixels
 from edvo.matching import EdgeIndex
 from edvo.planes import DepthTerm, PlaneMap, PlanePoints, camera_of
-from edvo.registration import Alignment, Registration
+from edvo.registration import Alignment
 from edvo.sensor import DEPTH_NOISE
 
 CELLS = 16  # across the image: 40 px at VGA
@@ -51,14 +51,14 @@ class Uncertainty:
         Of both images.
     config : Config
         Its sections registration and planes.
-    registration : Registration
-        What the alignments come from.
+    solver : kernels.Solver
+        Of the registration that the alignments come from.
     """
 
-    def __init__(self, camera: Camera, config: Config, registration: Registration) -> None:
+    def __init__(self, camera: Camera, config: Config, solver: kernels.Solver) -> None:
         self._camera = camera
         self._pinhole = camera_of(camera)
-        self._solver = registration.solver
+        self._solver = solver
         self._noise = DEPTH_NOISE[config.planes.sensor]
 
     def parts(
