@@ -150,6 +150,7 @@ class PlaneMatches(NamedTuple):
     Y: F64  # (M, 3) the point in the reference camera, m
     normal: F64  # (M, 3) of its plane, over the noise across it, 1/m
     residuals: F64  # (M,) distance over that noise
+    point: I32  # (M,) which point it is
 
 
 class Solver(NamedTuple):
@@ -443,7 +444,7 @@ def fit_planes(
 @compiled
 def new_plane_matches(m: int) -> PlaneMatches:
     """State of the planes of m points, none of them found."""
-    return PlaneMatches(np.empty((m, 3)), np.empty((m, 3)), np.empty(m))
+    return PlaneMatches(np.empty((m, 3)), np.empty((m, 3)), np.empty(m), np.empty(m, np.int32))
 
 
 @compiled
@@ -494,6 +495,7 @@ def match_planes(
         matches.normal[count, 1] = ny * scale
         matches.normal[count, 2] = nz * scale
         matches.residuals[count] = r
+        matches.point[count] = i
         count += 1
     return count
 
@@ -1398,3 +1400,151 @@ def align(
         k = matches.edge[i]
         index[i] = grid.order[k] if k >= 0 else NO_MATCH
     return reason, iterations, count, sigma, cost, near_count, sigma_d, balance
+
+
+# ---------------------------------------------------------------------------------- uncertainty
+
+
+@compiled
+def add_outer(vectors: F64, M: F64) -> None:
+    """Add v v^T of each row to the lower triangle of M."""
+    n = M.shape[0]
+    for c in range(vectors.shape[0]):
+        for i in range(n):
+            if vectors[c, i] != 0:
+                for j in range(i + 1):
+                    M[i, j] += vectors[c, i] * vectors[c, j]
+
+
+@compiled
+def score_parts(
+    edges: F32,
+    normals: F32,
+    index: I32,
+    points: F64,
+    gradients: F32,
+    noise: F64,
+    camera: Pinhole,
+    solver: Solver,
+    sigma: float,
+    planes: PlaneMap,
+    surface: PlanePoints,
+    term: DepthTerm,
+    sigma_d: float,
+    balance: float,
+    T: F64,
+    cell: float,
+    H: F64,
+    blur: F64,
+    parts: F64,
+) -> None:
+    """Write the curvature H at T and what scatters the score J^T W r there, parts (4, 6, 6).
+
+    Normals are noisy, and where all of them are parallel that noise alone looks like knowledge of
+    what lies across them. ``blur`` is that part of H: the normals of the other image, that of
+    ``gradients`` or of ``surface``, have noise of their own, so half of the square of what the two
+    make of J differs by is, in the mean, what noise adds.
+
+    Errors are taken to be shared within a square cell of the reference image and independent
+    between cells. With s_c the sum over cell c, the parts are: the scores of edges that are
+    observed, s(w J r); those of planes; that of depths which are off together by their ``noise``
+    (N,), m; and the score of all edges at once, which that of the planes holds in balance. H is in
+    px^2, as is that of ``align``; parts are in px^4.
+    """
+    H[:] = 0
+    blur[:] = 0
+    parts[:] = 0
+    cols = int(camera.width / cell) + 1
+    count = cols * (int(camera.height / cell) + 1)
+    seen, flat, nearer = np.zeros((count, 6)), np.zeros((count, 6)), np.zeros((count, 6))
+    total = np.zeros((1, 6))
+    J, D = np.empty(6), np.zeros(6)
+    roll = np.hypot(T[0, 0], T[1, 0])
+    cosine, sine = T[0, 0] / roll, T[1, 0] / roll
+    inverse = 1 / (sigma * sigma)
+    for i in range(index.size):
+        k = index[i]
+        if k < 0:
+            continue
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        qx = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z
+        qy = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z
+        qz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z
+        px, py, pz = qx + T[0, 3], qy + T[1, 3], qz + T[2, 3]
+        if pz < MIN_DEPTH:
+            continue
+        u = camera.fx * px / pz + camera.cx
+        v = camera.fy * py / pz + camera.cy
+        du, dv = u - edges[k, 0], v - edges[k, 1]
+        if solver.residual == SIGNED:
+            nu, nv = np.float64(normals[k, 0]), np.float64(normals[k, 1])
+            r = du * nu + dv * nv
+        else:
+            r = np.sqrt(du * du + dv * dv)
+            nu, nv = (du / r, dv / r) if r > 0 else (np.float64(0), np.float64(0))
+        au, av = nu * camera.fx / pz, nv * camera.fy / pz
+        aw = -(au * px + av * py) / pz
+        J[0], J[1], J[2] = au, av, aw
+        J[3] = py * aw - pz * av
+        J[4] = pz * au - px * aw
+        J[5] = px * av - py * au
+        w = robust_weight(r * r * inverse, solver.weight, solver.tuning)
+        gu = cosine * gradients[i, 0] - sine * gradients[i, 1]
+        gv = sine * gradients[i, 0] + cosine * gradients[i, 1]
+        side = 1.0 if gu * nu + gv * nv >= 0 else -1.0
+        bu, bv = (nu - side * gu) * camera.fx / pz, (nv - side * gv) * camera.fy / pz
+        bw = -(bu * px + bv * py) / pz
+        D[0], D[1], D[2] = bu, bv, bw
+        D[3], D[4], D[5] = py * bw - pz * bv, pz * bu - px * bw, px * bv - py * bu
+        by_depth = noise[i] / z * (au * qx + av * qy + aw * qz)  # px
+        col = min(max(int(u / cell), 0), cols - 1)
+        c = min(max(int(v / cell), 0) * cols + col, count - 1)
+        for m in range(6):
+            wj = w * J[m]
+            seen[c, m] += wj * r
+            nearer[c, m] += wj * by_depth
+            total[0, m] += wj * r
+            for n in range(m + 1):
+                H[m, n] += wj * J[n]
+                blur[m, n] += 0.5 * w * D[m] * D[n]
+    if balance > 0:
+        matches = new_plane_matches(surface.sigma.size)
+        found = match_planes(planes, surface, camera, T, term, matches)
+        scale = balance * (sigma / sigma_d) ** 2
+        inverse = 1 / (sigma_d * sigma_d)
+        for i in range(found):
+            r = matches.residuals[i]
+            px, py, pz = matches.Y[i, 0], matches.Y[i, 1], matches.Y[i, 2]
+            au, av, aw = matches.normal[i, 0], matches.normal[i, 1], matches.normal[i, 2]
+            J[0], J[1], J[2] = au, av, aw
+            J[3] = py * aw - pz * av
+            J[4] = pz * au - px * aw
+            J[5] = px * av - py * au
+            w = scale * robust_weight(r * r * inverse, TUKEY, TUKEY_TUNING)
+            k = matches.point[i]
+            x, y, z = surface.normals[k, 0], surface.normals[k, 1], surface.normals[k, 2]
+            size = np.sqrt(au * au + av * av + aw * aw)
+            bu = au - size * (T[0, 0] * x + T[0, 1] * y + T[0, 2] * z)
+            bv = av - size * (T[1, 0] * x + T[1, 1] * y + T[1, 2] * z)
+            bw = aw - size * (T[2, 0] * x + T[2, 1] * y + T[2, 2] * z)
+            D[0], D[1], D[2] = bu, bv, bw
+            D[3], D[4], D[5] = py * bw - pz * bv, pz * bu - px * bw, px * bv - py * bu
+            col = min(max(int((camera.fx * px / pz + camera.cx) / cell), 0), cols - 1)
+            row = max(int((camera.fy * py / pz + camera.cy) / cell), 0)
+            c = min(row * cols + col, count - 1)
+            for m in range(6):
+                wj = w * J[m]
+                flat[c, m] += wj * r
+                for n in range(m + 1):
+                    H[m, n] += wj * J[n]
+                    blur[m, n] += 0.5 * w * D[m] * D[n]
+    add_outer(seen, parts[0])
+    add_outer(flat, parts[1])
+    add_outer(nearer, parts[2])
+    add_outer(total, parts[3])
+    for m in range(6):
+        for n in range(m):
+            H[n, m] = H[m, n]
+            blur[n, m] = blur[m, n]
+            for part in range(4):
+                parts[part, n, m] = parts[part, m, n]

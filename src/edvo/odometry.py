@@ -3,7 +3,7 @@
 import enum
 import logging
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from edvo.planes import PlaneFitter, PlanePoints
 from edvo.registration import Alignment, Registration
 from edvo.sampling import sample_edges
 from edvo.trajectory import Trajectory
+from edvo.uncertainty import Uncertainty, degenerate_directions, describe
 
 __all__ = ["Odometry", "StageClock", "Status", "TrackedFrame"]
 
@@ -77,6 +78,12 @@ class TrackedFrame:
         Edge pixels with depth that were drawn.
     alignment : Alignment or None
         The registration; None where there was none.
+    covariance : ndarray of float64, shape (6, 6), or None
+        Of ``T_key_cur``: of the twist [v, w] (metres, radians) in the keyframe's camera with
+        T_true = exp([v, w]) T_key_cur. None where there was no registration or it failed.
+    degenerate : tuple of str
+        Motions in the keyframe's camera that neither edges nor depth noticed; the frame is then
+        at best ``DEGRADED``.
     """
 
     timestamp: float
@@ -90,6 +97,8 @@ class TrackedFrame:
     edges: int
     samples: int
     alignment: Alignment | None
+    covariance: NDArray[np.float64] | None = None
+    degenerate: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,6 +151,7 @@ class Odometry:
             start_stride=self.config.motion.prior_stride,
         )
         self._fitter = PlaneFitter(camera, self.config.planes)
+        self._uncertainty = Uncertainty(camera, self.config, self._registration.solver)
         self.reset()
 
     def reset(self, T_world_cam: NDArray[np.float64] | None = None) -> None:
@@ -407,11 +417,16 @@ class Odometry:
         if status is Status.TRACKED and alignment.depth_balance:
             self._note_depth(alignment.sigma_depth)
         self._T_world_last = keyframe.T_world_key @ T_key_cur
+        with self._clock("uncertainty"):
+            covariance = self._covariance(keyframe, seen, alignment)
+            degenerate = tuple(describe(way) for way in degenerate_directions(covariance))
+        if degenerate and status is Status.TRACKED:
+            status, reason = Status.DEGRADED, f"not constrained: {', '.join(degenerate)}"
         share = alignment.inliers / len(seen.samples)
         due = is_due(self.config.keyframes, T_key_cur, share, self._count - keyframe.index)
         if due:
             self._set_keyframe(seen)
-        return self._keep(
+        tracked = self._keep(
             timestamp,
             status,
             reason,
@@ -420,6 +435,13 @@ class Odometry:
             is_keyframe=due,
             seen=seen,
             alignment=alignment,
+        )
+        return replace(tracked, covariance=covariance, degenerate=degenerate)
+
+    def _covariance(self, key: Keyframe, seen: Seen, alignment: Alignment) -> NDArray[np.float64]:
+        """Of the motion found."""
+        return self._uncertainty.covariance(
+            key.edges, seen.samples, key.planes, seen.points, self._fitter.term, alignment
         )
 
     def _keep(

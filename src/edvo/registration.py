@@ -182,6 +182,11 @@ class Registration:
             max_rejections=registration.max_rejections,
         )
 
+    @property
+    def solver(self) -> kernels.Solver:
+        """Residual, weight function and limits, as the kernels take them."""
+        return self._solver
+
     def index(self, edges: EdgePixels) -> EdgeIndex:
         """Arrange reference edges for the search.
 

@@ -27,6 +27,9 @@ SUMMARY = "summary.json"
 CONFIG = "config.yaml"
 
 _POSE_COLUMNS = ("tx", "ty", "tz", "qx", "qy", "qz", "qw")
+_TWIST = ("x", "y", "z", "rx", "ry", "rz")
+_UPPER = np.triu_indices(len(_TWIST))
+_COVARIANCE_COLUMNS = tuple(f"cov_{_TWIST[i]}_{_TWIST[j]}" for i, j in zip(*_UPPER, strict=True))
 
 
 def write_results(
@@ -70,7 +73,8 @@ def frames_csv(frames: Sequence[FrameRecord]) -> str:
     str
         CSV. The pose is ``T_world_cam`` in metres; for a lost frame it is a prediction. What a
         frame does not have is empty. ``track_ms`` is the wall time of the track call, and each
-        other ``..._ms`` a stage of it.
+        other ``..._ms`` a stage of it. Columns ``cov_...`` hold the upper triangle of the
+        covariance of the motion since the keyframe, row by row.
     """
     stages = list(dict.fromkeys(stage for record in frames for stage in record.stages))
     header = [
@@ -91,6 +95,7 @@ def frames_csv(frames: Sequence[FrameRecord]) -> str:
         "track_ms",
         *_POSE_COLUMNS,
         *(f"{stage}_ms" for stage in stages),
+        *_COVARIANCE_COLUMNS,
     ]
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
@@ -116,6 +121,7 @@ def frames_csv(frames: Sequence[FrameRecord]) -> str:
                 _milliseconds(record.track_s),
                 *_pose(record.T_world_cam),
                 *(_milliseconds(record.stages.get(stage)) for stage in stages),
+                *_covariance(record.covariance),
             ]
         )
     return text.getvalue()
@@ -205,6 +211,12 @@ def _spread(values: NDArray[np.float64]) -> dict[str, float] | None:
 def _pose(T_world_cam: NDArray[np.float64]) -> list[str]:
     translation, quaternion = se3.to_quaternion(T_world_cam)
     return [f"{value + 0.0:#.12g}" for value in (*translation.tolist(), *quaternion.tolist())]
+
+
+def _covariance(covariance: NDArray[np.float64] | None) -> list[str]:
+    if covariance is None:
+        return [""] * len(_COVARIANCE_COLUMNS)
+    return [_number(value) for value in covariance[_UPPER].tolist()]
 
 
 def _milliseconds(seconds: float | None) -> str:

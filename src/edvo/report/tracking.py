@@ -64,6 +64,8 @@ class FrameRecord:
         Seconds of each stage.
     problem : str or None
         Why the frame could not be read; None if it could.
+    covariance : ndarray, shape (6, 6), float64, or None
+        Of its motion since the keyframe, see `edvo.odometry.TrackedFrame`; None without one.
     """
 
     stamp: str
@@ -79,6 +81,7 @@ class FrameRecord:
     track_s: float | None
     stages: Mapping[str, float]
     problem: str | None
+    covariance: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -378,4 +381,5 @@ def _record(
         track_s=track_s,
         stages=stages,
         problem=problem,
+        covariance=result.covariance,
     )

@@ -1,0 +1,296 @@
+"""How far a registration may be off: its covariance, and the directions that nothing constrains.
+
+Not in the paper. Edge pixels do not err independently: neighbours on one edge share their depth,
+their rounding and what light does to them, and so do neighbours on one plane. The inverse of
+J^T W J takes all of them for independent and is far too small. Here errors are shared within a
+cell of the image and independent between cells; docs/theory.md derives it.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from edvo import kernels, se3
+from edvo.camera import Camera
+from edvo.config import Config
+from edvo.edges import EdgePixels
+from edvo.matching import EdgeIndex
+from edvo.planes import DepthTerm, PlaneMap, PlanePoints, camera_of
+from edvo.registration import Alignment
+from edvo.sensor import DEPTH_NOISE
+
+CELLS = 16  # across the image: 40 px at VGA
+DOUBT = 1.2  # times the blur of the normals is taken off what they seem to know
+PRIOR = np.ones(6)  # 1/m^2 and 1/rad^2: what nothing constrains is off by a metre or a radian
+# A direction is degenerate where the pose may be off by 5 cm or 2 degrees: its 90 % interval.
+DEGENERATE_M, DEGENERATE_RAD = 0.05 / 1.645, np.radians(2.0) / 1.645
+AXES = ("x", "y", "z")
+PURE = 0.1  # share of the smaller part below which a motion is a translation or a rotation alone
+AXIAL = np.cos(np.radians(15.0))  # a direction nearer to an axis is named by that
+
+
+class Shares(NamedTuple):
+    """What each source of error counts; fitted on rendered pairs by benchmarks/covariance.py."""
+
+    edges: float  # of the scores that are observed
+    planes: float
+    depth: float  # of depths that are off together by the sensor's noise
+    tension: float  # of edges against planes
+
+
+SHARES = Shares(edges=9.3, planes=2.9, depth=1.0, tension=3.1)
+
+
+class Uncertainty:
+    """Gives the covariance of registrations, by a fixed set of parameters.
+
+    Parameters
+    ----------
+    camera : Camera
+        Of both images.
+    config : Config
+        Its sections registration and planes.
+    solver : kernels.Solver
+        Of the registration that the alignments come from.
+    """
+
+    def __init__(self, camera: Camera, config: Config, solver: kernels.Solver) -> None:
+        self._camera = camera
+        self._pinhole = camera_of(camera)
+        self._solver = solver
+        self._noise = DEPTH_NOISE[config.planes.sensor]
+
+    def parts(
+        self,
+        reference: EdgeIndex,
+        samples: EdgePixels,
+        planes: PlaneMap,
+        points: PlanePoints,
+        term: DepthTerm,
+        alignment: Alignment,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Give what the covariance is made of.
+
+        Parameters
+        ----------
+        reference : EdgeIndex
+        samples : EdgePixels
+        planes : PlaneMap
+        points : PlanePoints
+        term : DepthTerm
+            What the registration was given.
+        alignment : Alignment
+            What it found.
+
+        Returns
+        -------
+        H : ndarray of float64, shape (6, 6)
+            J^T W J at the pose found, px^2.
+        blur : ndarray of float64, shape (6, 6)
+            What of H is noise of the normals, about.
+        parts : ndarray of float64, shape (4, 6, 6)
+            Covariances of the score J^T W r by each source of error, in the order of `Shares`.
+        """
+        H, blur, parts = np.empty((6, 6)), np.empty((6, 6)), np.empty((4, 6, 6))
+        kernels.score_parts(
+            reference.edges.pixels,
+            reference.edges.gradients,
+            alignment.matches,
+            samples.points(self._camera),
+            samples.gradients,
+            self._noise.sigma_z(samples.depths),
+            self._pinhole,
+            self._solver,
+            alignment.sigma_px,
+            planes,
+            points,
+            term,
+            alignment.sigma_depth,
+            alignment.depth_balance,
+            alignment.T_ref_cur,
+            self._camera.width / CELLS,
+            H,
+            blur,
+            parts,
+        )
+        return H, blur, parts
+
+    def covariance(
+        self,
+        reference: EdgeIndex,
+        samples: EdgePixels,
+        planes: PlaneMap,
+        points: PlanePoints,
+        term: DepthTerm,
+        alignment: Alignment,
+    ) -> NDArray[np.float64]:
+        """Give the covariance of a registration; for the parameters see `parts`.
+
+        Returns
+        -------
+        ndarray of float64, shape (6, 6)
+            See `combine`.
+        """
+        H, blur, parts = self.parts(reference, samples, planes, points, term, alignment)
+        return combine(without_blur(H, blur), parts, alignment.sigma_px)
+
+
+def without_blur(H: NDArray[np.float64], blur: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Give what is known for sure: H without what may be noise of the normals.
+
+    Parameters
+    ----------
+    H, blur : ndarray of float64, shape (6, 6)
+        See `Uncertainty.parts`.
+
+    Returns
+    -------
+    ndarray of float64, shape (6, 6)
+        Positive semidefinite.
+    """
+    values, vectors = np.linalg.eigh(H - DOUBT * blur)
+    result: NDArray[np.float64] = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    return result
+
+
+def combine(
+    known: NDArray[np.float64],
+    parts: NDArray[np.float64],
+    sigma_px: ArrayLike,
+    shares: Shares = SHARES,
+) -> NDArray[np.float64]:
+    """Put the parts together: (K S^-1 K + prior)^-1, with S the sum of shares times parts.
+
+    Parameters
+    ----------
+    known : ndarray of float64, shape (..., 6, 6)
+        By `without_blur`, of any number of registrations.
+    parts : ndarray of float64, shape (..., 4, 6, 6)
+        See `Uncertainty.parts`.
+    sigma_px : array_like of float, shape (...)
+        Scale of the residuals.
+    shares : Shares, optional
+        What each part counts.
+
+    Returns
+    -------
+    ndarray of float64, shape (..., 6, 6)
+        Of the left perturbation [v, w] of T_ref_cur, metres and radians, in the frame of the
+        reference camera: T_true = exp([v, w]) T_ref_cur. Symmetric and positive definite. What
+        nothing constrains has a standard deviation of 1 m or 1 rad, which says: unknown.
+    """
+    floor = np.asarray(sigma_px, np.float64)[..., None, None] ** 4 * np.eye(6)
+    scatter = np.einsum("k,...kij->...ij", np.array(shares), parts) + floor
+    information = known @ np.linalg.solve(scatter, known) + np.diag(PRIOR)
+    C: NDArray[np.float64] = np.linalg.inv(information).astype(np.float64, copy=False)
+    return 0.5 * (C + np.swapaxes(C, -1, -2))
+
+
+def in_current_camera(
+    covariance: NDArray[np.float64], T_key_cur: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Carry a covariance over to the frame of the current camera.
+
+    Parameters
+    ----------
+    covariance : ndarray of float64, shape (6, 6)
+        Of the left perturbation of ``T_key_cur``, in the keyframe's camera.
+    T_key_cur : ndarray of float64, shape (4, 4)
+
+    Returns
+    -------
+    ndarray of float64, shape (6, 6)
+        Of the right perturbation: exp(delta) T = T exp(Ad(T^-1) delta).
+    """
+    Ad = se3.adjoint(se3.inverse(T_key_cur))
+    result: NDArray[np.float64] = Ad @ covariance @ Ad.T
+    return result
+
+
+def degenerate_directions(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Find the motions that a registration did not notice.
+
+    Parameters
+    ----------
+    covariance : ndarray of float64, shape (6, 6)
+
+    Returns
+    -------
+    ndarray of float64, shape (K, 6)
+        Twists [v, w], K of 0 to 6, that span the motions whose standard deviation exceeds 30 mm
+        or 1.2 degrees (a 90 % interval of 5 cm or 2 degrees): translations first, then rotations,
+        then what is both; along the camera's axes as far as can be.
+    """
+    scale = np.array([DEGENERATE_M] * 3 + [DEGENERATE_RAD] * 3)
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    loose = vectors[:, values > 1]
+    if not loose.size:
+        return np.empty((0, 6))
+    # Pure translations in the span have no rotation, and the other way round.
+    found: list[NDArray[np.float64]] = []
+    for own, other in ((slice(0, 3), slice(3, 6)), (slice(3, 6), slice(0, 3))):
+        _, sizes, mix = np.linalg.svd(loose[other])
+        sizes = np.append(sizes, np.zeros(len(mix) - len(sizes)))
+        alone = loose[own] @ mix[sizes < PURE].T
+        for axis in _along_axes(alone):
+            twist = np.zeros(6)
+            twist[own] = axis
+            found.append(twist)
+        loose = loose @ mix[sizes >= PURE].T
+        if not loose.size:
+            break
+    found += list((loose * scale[:, None]).T)
+    return np.array(found)
+
+
+def _along_axes(span: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """Basis of the columns' span, shape (3, K), that follows the axes as far as it can."""
+    basis: list[NDArray[np.float64]] = []
+    Q = np.linalg.qr(span)[0] if span.size else span
+    for _ in range(Q.shape[1]):
+        P = Q @ Q.T - sum((np.outer(b, b) for b in basis), np.zeros((3, 3)))
+        best = P[:, int(np.argmax(np.diag(P)))]
+        basis.append(best / np.linalg.norm(best))
+    return sorted(basis, key=lambda b: int(np.argmax(np.abs(b))))
+
+
+def describe(direction: NDArray[np.float64]) -> str:
+    """Name a motion in words.
+
+    Parameters
+    ----------
+    direction : ndarray of float64, shape (6,)
+        Twist [v, w] of any length.
+
+    Returns
+    -------
+    str
+        Such as ``translation along x`` or ``rotation about (0.00, 0.71, 0.71)``; the camera's x
+        is to the right, y down, z forward.
+
+    Examples
+    --------
+    >>> describe(np.array([0, 0, 0, 0, 0, -2.0]))
+    'rotation about z'
+    >>> describe(np.array([0, 0.03, 0, 0.02, 0, 0]))
+    'translation along y with rotation about x'
+    """
+    scale = np.array([DEGENERATE_M] * 3 + [DEGENERATE_RAD] * 3)
+    v, w = np.split(np.asarray(direction, np.float64) / scale, 2)
+    size = float(np.hypot(np.linalg.norm(v), np.linalg.norm(w)))
+    words = []
+    if np.linalg.norm(v) > PURE * size:
+        words.append(f"translation along {_axis(v)}")
+    if np.linalg.norm(w) > PURE * size:
+        words.append(f"rotation about {_axis(w)}")
+    return " with ".join(words)
+
+
+def _axis(vector: NDArray[np.float64]) -> str:
+    unit = vector / np.linalg.norm(vector)
+    nearest = int(np.argmax(np.abs(unit)))
+    if abs(unit[nearest]) > AXIAL:
+        return AXES[nearest]
+    unit *= np.sign(unit[nearest])
+    return "({})".format(", ".join(f"{value + 0.0:.2f}" for value in unit))
