@@ -307,6 +307,15 @@ class StatusConfig(Section):
         description="a degraded frame whose depth is off the planes of the keyframe by more than "
         "so many times the sensor's noise is lost: edges and depth contradict each other",
     )
+    max_conflict: Fraction = Field(
+        default=0.02,
+        description="share of the view that stands where a moment ago nothing was, above which "
+        "something moves by itself and a frame is degraded, for a second more; 0 does not ask. "
+        "Not in the paper",
+    )
+    lost_conflict: Fraction = Field(
+        default=0.3, description="share of that above which a frame is lost; with max_conflict"
+    )
 
 
 class Config(Section):
@@ -483,6 +492,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "planes": {"weight": 0.0},
         "motion": {"search_deg": 0.0},
         "keyframes": {"stored": 0},
+        "status": {"max_conflict": 0.0},
         "sampling": {"count": 450},
         "registration": {"weight": "t"},
         "status": {"min_agreeing": 0.0, "doubt_agreeing": 0.0},

@@ -21,6 +21,7 @@ from edvo.registration import Alignment, Registration
 from edvo.sampling import sample_edges
 from edvo.trajectory import Trajectory
 from edvo.uncertainty import Uncertainty, degenerate_directions, describe
+from edvo.witness import Witness
 
 __all__ = ["Odometry", "StageClock", "Status", "TrackedFrame"]
 
@@ -36,6 +37,7 @@ RECOVERY_PERIOD_S = 0.15  # then it is held against the stored keyframes no more
 LONG_LOST_S, LONG_LOST_FRAMES = 0.3, 3
 MILD_SIGMA = 1.5  # times the sensor's noise, up to which depth raises no doubt
 FADING = 0.97  # a frame, of the worst fit of depth seen of late
+CONFLICT_S = 1.0  # after one, a pose is no better than the way that led to it
 AGREEING_SIGMA = 3.0  # times the sensor's noise, at which depth agrees half
 FREEZE_S = 0.3  # for so long images may repeat: a recorder wrote one twice
 SIGHT_STRIDE = 8  # one pixel in so many, by row and column, tells whether an image is a new one
@@ -152,6 +154,7 @@ class Odometry:
         )
         self._fitter = PlaneFitter(camera, self.config.planes)
         self._uncertainty = Uncertainty(camera, self.config, self._registration.solver)
+        self._witness = Witness(camera, self.config.planes.sensor)
         self.reset()
 
     def reset(self, T_world_cam: NDArray[np.float64] | None = None) -> None:
@@ -179,6 +182,8 @@ class Odometry:
         self._sight = np.empty((0, 0), np.uint8)  # of the last image
         self._sight_time = -math.inf
         self._usual_depth = math.inf  # the largest sigma_depth of late
+        self._witness.forget()
+        self._conflict_time = -math.inf
         self._count = 0
         self._timestamps: list[float] = []
         self._poses: list[NDArray[np.float64]] = []
@@ -240,6 +245,9 @@ class Odometry:
             with clock("search"):
                 alignment = self._search(self._keyframe, self._T_key_last, seen, alignment)
             status, reason = self._judge(alignment, frame.timestamp)
+        if status is not Status.LOST and config.status.max_conflict:
+            with clock("witness"):
+                status, reason = self._question(seen, alignment, status, reason)
         if status is Status.LOST:
             return self._lose(frame.timestamp, reason, len(edges), len(samples), alignment)
         return self._accept(seen, status, reason, alignment)
@@ -534,6 +542,26 @@ class Odometry:
         if self._losses:
             starts.append(np.eye(4))  # the camera may have come back to where the keyframe was
         return np.array(starts)
+
+    def _question(
+        self, seen: Seen, alignment: Alignment, status: Status, reason: str
+    ) -> tuple[Status, str]:
+        """Hold a pose against the depth of a moment ago: what was empty cannot be filled."""
+        assert self._keyframe is not None
+        timestamp, limits = seen.frame.timestamp, self.config.status
+        surface = self._witness.surface(seen.frame.depth)
+        T_world_cam = self._keyframe.T_world_key @ alignment.T_ref_cur
+        conflict = self._witness.question(timestamp, T_world_cam, surface)
+        if conflict > limits.max_conflict:
+            self._conflict_time = timestamp
+            reason = f"{conflict:.0%} of the view stands where nothing was: something moves"
+            if conflict > limits.lost_conflict:
+                return Status.LOST, reason
+            status = Status.DEGRADED
+        elif status is Status.TRACKED and 0 <= timestamp - self._conflict_time < CONFLICT_S:
+            status, reason = Status.DEGRADED, "something moved less than a second ago"
+        self._witness.remember(timestamp, T_world_cam, surface)
+        return status, reason
 
     def _judge(self, alignment: Alignment, timestamp: float) -> tuple[Status, str]:
         """Say how far a registration is to be trusted, and why not further."""

@@ -1,0 +1,173 @@
+"""Depth as a witness: whether a pose lets surfaces stand where another depth image saw through.
+
+Not in the paper. Where much of the view moves by itself, edges and planes fit the larger part of
+it, and fit well: nothing in a registration tells. But what was empty a moment ago cannot be filled
+in a scene that stands still. Each of two depth images is held against the other: a point of one
+that lies in front of all that the other saw around its place contradicts. A point behind says
+nothing, since a moving camera hides and shows.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from edvo import se3
+from edvo.camera import Camera
+from edvo.sensor import DEPTH_NOISE
+
+STEP_PX, POINTS_EVERY = 4, 4  # a depth is kept at every such pixel; a point at every such depth
+WINDOW = 7  # depths to a side: what lies so near a contour may be shifted, with colour out of step
+SLACK_M, SLACK_SIGMA = 0.02, 6.0  # by which a point must be in front: for the pose, and for noise
+MIN_DEPTH_M = 0.05
+MIN_POINTS = 50  # fewer say nothing
+AGE_S, MAX_AGE_S = 0.15, 1.0  # of the depth image that is asked: what moves slowly needs time
+
+
+@dataclass(frozen=True, slots=True)
+class Surface:
+    """What a depth image shows, coarsely.
+
+    Attributes
+    ----------
+    points : ndarray of float64, shape (N, 3)
+        In the camera, metres.
+    near, far : ndarray of float32, shape (rows, columns)
+        Least and greatest depth around, metres; both 0 where most of it is missing.
+    """
+
+    points: NDArray[np.float64]
+    near: NDArray[np.float32]
+    far: NDArray[np.float32]
+
+
+class Witness:
+    """Remembers the surfaces of the last second.
+
+    Parameters
+    ----------
+    camera : Camera
+        Of the depth images.
+    sensor : str
+        Key of ``DEPTH_NOISE``.
+    """
+
+    def __init__(self, camera: Camera, sensor: str) -> None:
+        self._camera = camera
+        self._noise = DEPTH_NOISE[sensor]
+        first = STEP_PX // 2
+        v, u = np.mgrid[first : camera.height : STEP_PX, first : camera.width : STEP_PX]
+        ends = slice(POINTS_EVERY // 2, None, POINTS_EVERY)
+        raw = np.stack([u[ends, ends].ravel(), v[ends, ends].ravel()], axis=1).astype(np.float64)
+        ideal = camera.undistort(raw) if camera.is_distorted else raw
+        ray = (ideal - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
+        self._rays = np.column_stack([ray, np.ones(len(ray))])
+        self._kept = slice(first, None, STEP_PX)
+        self._ends = ends
+        self._seen: deque[tuple[float, NDArray[np.float64], Surface]] = deque()
+
+    def forget(self) -> None:
+        """Forget all that was seen."""
+        self._seen.clear()
+
+    def surface(self, depth: NDArray[np.float32]) -> Surface:
+        """Keep of a depth image what can be held against others.
+
+        Parameters
+        ----------
+        depth : ndarray of float32, shape (H, W)
+            Metres, 0 where missing.
+
+        Returns
+        -------
+        Surface
+        """
+        kept = np.ascontiguousarray(depth[self._kept, self._kept])
+        there = kept > 0
+        window = np.ones((WINDOW, WINDOW), np.uint8)
+        near = cv2.erode(np.where(there, kept, np.float32(np.inf)), window)
+        far = cv2.dilate(kept, window)
+        known = cv2.boxFilter(there.astype(np.float32), -1, (WINDOW, WINDOW)) > 0.5
+        z = kept[self._ends, self._ends].ravel()
+        measured = z > 0
+        return Surface(
+            points=self._rays[measured] * z[measured, None],
+            near=np.where(known, near, np.float32(0)),
+            far=np.where(known, far, np.float32(0)),
+        )
+
+    def conflict(self, a: Surface, b: Surface, T_a_b: NDArray[np.float64]) -> float:
+        """Say how much of two surfaces cannot be, if neither has moved.
+
+        Parameters
+        ----------
+        a, b : Surface
+        T_a_b : ndarray of float64, shape (4, 4)
+            Maps points from the camera of ``b`` to that of ``a``.
+
+        Returns
+        -------
+        float
+            Share, of the points that both see, of those that stand in front of the other's
+            surface; 0 where they see hardly anything together.
+        """
+        in_front, together = np.add(
+            self._compare(a, b.points, T_a_b), self._compare(b, a.points, se3.inverse(T_a_b))
+        )
+        return float(in_front / together) if together >= MIN_POINTS else 0.0
+
+    def remember(
+        self, timestamp: float, T_world_cam: NDArray[np.float64], surface: Surface
+    ) -> None:
+        """Take a surface to hold later ones against."""
+        self._seen.append((timestamp, T_world_cam, surface))
+
+    def question(
+        self, timestamp: float, T_world_cam: NDArray[np.float64], surface: Surface
+    ) -> float:
+        """Hold a surface against one of a moment ago.
+
+        Parameters
+        ----------
+        timestamp : float
+            Seconds.
+        T_world_cam : ndarray of float64, shape (4, 4)
+            The pose in question.
+        surface : Surface
+            Seen from there.
+
+        Returns
+        -------
+        float
+            See ``conflict``; 0 where nothing was seen of late.
+        """
+        while self._seen and not 0 <= timestamp - self._seen[0][0] <= MAX_AGE_S:
+            self._seen.popleft()
+        while len(self._seen) > 1 and timestamp - self._seen[1][0] >= AGE_S:
+            self._seen.popleft()
+        if not self._seen:
+            return 0.0
+        _, T_world_then, then = self._seen[0]
+        return self.conflict(then, surface, se3.inverse(T_world_then) @ T_world_cam)
+
+    def _compare(
+        self, surface: Surface, points: NDArray[np.float64], T: NDArray[np.float64]
+    ) -> tuple[int, int]:
+        """Count the points in front of a surface, and those in front of it or on it."""
+        camera = self._camera
+        X = points @ T[:3, :3].T + T[:3, 3]
+        X = X[X[:, 2] > MIN_DEPTH_M]
+        z = X[:, 2]
+        pixels = X[:, :2] / z[:, None] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+        if camera.is_distorted:
+            pixels = camera.distort(pixels)
+        col, row = (pixels.T // STEP_PX).astype(np.int64)
+        rows, cols = surface.near.shape
+        inside = (col >= 0) & (row >= 0) & (col < cols) & (row < rows)
+        z, at = z[inside], (row[inside], col[inside])
+        slack = SLACK_M + SLACK_SIGMA * self._noise.sigma_z(z)
+        in_front = z < surface.near[at] - slack
+        hit = in_front | ((surface.far[at] > 0) & (z <= surface.far[at] + slack))
+        return int(np.count_nonzero(in_front)), int(np.count_nonzero(hit))

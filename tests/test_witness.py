@@ -1,0 +1,134 @@
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from edvo import se3
+from edvo.camera import Camera
+from edvo.config import Config
+from edvo.datasets.readahead import read_ahead
+from edvo.odometry import Odometry, Status
+from edvo.synthesis.sequence import SyntheticSource, make_recipe
+from edvo.witness import AGE_S, MAX_AGE_S, Witness
+
+CAMERA = Camera(640, 480, 535.4, 539.2, 320.1, 247.6)
+BENT = Camera(640, 480, 517.3, 516.5, 318.6, 255.3, (0.2624, -0.9531, -0.0054, 0.0026, 1.1633))
+STILL = np.eye(4)
+MOVED = se3.exp(np.array([0.03, -0.02, 0.05, 0.02, -0.03, 0.01]))
+
+
+def room(
+    T_world_cam: NDArray[np.float64], *, camera: Camera = CAMERA, box: float | None = None
+) -> NDArray[np.float32]:
+    """See a wall at z = 3, a floor at y = 1, and a box 0.5 m wide at z = 2 and x = box."""
+    v, u = np.mgrid[: camera.height, : camera.width]
+    pixels = np.stack([u.ravel(), v.ravel()], axis=1).astype(np.float64)
+    ideal = camera.undistort(pixels) if camera.is_distorted else pixels
+    flat = (ideal - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
+    ray = np.column_stack([flat, np.ones(len(flat))])
+    way = ray @ T_world_cam[:3, :3].T
+    x0, y0, z0 = T_world_cam[:3, 3]
+    depth = (3 - z0) / way[:, 2]
+    with np.errstate(divide="ignore"):
+        floor = (1 - y0) / way[:, 1]
+    depth = np.where((floor > 0) & (floor < depth), floor, depth)
+    if box is not None:
+        near = (2 - z0) / way[:, 2]
+        x, y = x0 + near * way[:, 0], y0 + near * way[:, 1]
+        depth = np.where((np.abs(x - box) < 0.25) & (np.abs(y) < 0.7), near, depth)
+    return depth.reshape(u.shape).astype(np.float32)
+
+
+def noisy(depth: NDArray[np.float32], seed: int = 0) -> NDArray[np.float32]:
+    rng = np.random.default_rng(seed)
+    depth = depth + rng.normal(0, 0.002 * depth**2).astype(np.float32)
+    depth[rng.random(depth.shape) < 0.1] = 0
+    return depth
+
+
+def conflict(
+    a: NDArray[np.float32],
+    b: NDArray[np.float32],
+    T_a_b: NDArray[np.float64],
+    camera: Camera = CAMERA,
+) -> float:
+    witness = Witness(camera, "kinect_v1")
+    return witness.conflict(witness.surface(a), witness.surface(b), T_a_b)
+
+
+@pytest.mark.parametrize("camera", [CAMERA, BENT])
+def test_a_scene_that_stands_still_does_not_contradict_the_right_pose(camera: Camera) -> None:
+    a = noisy(room(STILL, camera=camera, box=0.1), 1)
+    b = noisy(room(MOVED, camera=camera, box=0.1), 2)
+    assert conflict(a, b, MOVED, camera) < 0.003
+
+
+def test_a_wrong_pose_is_contradicted() -> None:
+    a, b = noisy(room(STILL, box=0.1), 1), noisy(room(MOVED, box=0.1), 2)
+    ahead = se3.exp(np.array([0.0, 0, 0.2, 0, 0, 0])) @ MOVED
+    assert conflict(a, b, ahead) > 0.3
+
+
+@pytest.mark.parametrize("direction", [-1, 1])
+def test_what_moves_is_found_by_the_area_that_it_fills_or_frees(direction: int) -> None:
+    a = noisy(room(STILL, box=0.0), 1)
+    b = noisy(room(MOVED, box=0.15 * direction), 2)
+    found = conflict(a, b, MOVED)
+    # 0.15 m of the 0.5 m, less the margin at the contour, at both ends
+    assert 0.01 < found < 0.08
+    assert conflict(b, a, se3.inverse(MOVED)) == pytest.approx(found)
+
+
+def test_what_comes_into_view_from_behind_is_no_contradiction() -> None:
+    aside = se3.exp(np.array([0.3, 0, 0, 0, 0, 0]))
+    a, b = room(STILL, box=0.0), room(aside, box=0.0)
+    assert conflict(a, b, aside) == 0
+
+
+def test_hardly_any_depth_says_nothing() -> None:
+    a, b = room(STILL), np.zeros((480, 640), np.float32)
+    b[200:220, 200:220] = 1.0
+    assert conflict(a, b, STILL) == 0
+    assert conflict(b, b, STILL) == 0
+
+
+def test_it_is_asked_of_what_was_seen_a_moment_ago_and_not_long_ago() -> None:
+    witness = Witness(CAMERA, "kinect_v1")
+    free, blocked = witness.surface(room(STILL)), witness.surface(room(STILL, box=0.0))
+    assert witness.question(0.0, STILL, blocked) == 0  # nothing was seen
+    witness.remember(0.0, STILL, free)
+    assert witness.question(0.03, STILL, blocked) > 0.05
+    witness.remember(0.03, STILL, blocked)
+    assert witness.question(0.06, STILL, blocked) > 0.05  # too young to be asked alone
+    assert witness.question(0.04 + AGE_S, STILL, blocked) == 0
+    assert witness.question(0.04 + AGE_S + MAX_AGE_S, STILL, free) == 0  # too old
+    witness.remember(2.0, STILL, free)
+    witness.forget()
+    assert witness.question(2.1, STILL, blocked) == 0
+
+
+@pytest.fixture(scope="module")
+def crowd() -> SyntheticSource:
+    return SyntheticSource(make_recipe("crowd", frames=7, seed=3))
+
+
+def statuses(source: SyntheticSource, config: Config) -> list[Status]:
+    odometry = Odometry(source.camera, config)
+    frames = [reading.frame for reading in read_ahead(source, range(len(source)))]
+    return [odometry.track(frame).status for frame in frames if frame is not None]
+
+
+def test_where_people_take_the_pose_along_it_is_not_called_tracked(crowd: SyntheticSource) -> None:
+    asked = statuses(crowd, Config())
+    assert Status.TRACKED not in asked[4:]
+    assert set(statuses(crowd, Config().with_overrides(["status.max_conflict=0"]))) == {
+        Status.TRACKED
+    }
+
+
+def test_where_nothing_moves_nobody_is_doubted() -> None:
+    source = SyntheticSource(make_recipe("stairs", frames=5, seed=3))
+    assert set(statuses(source, Config())) == {Status.TRACKED}
+
+
+def test_the_preset_paper_does_not_ask() -> None:
+    assert Config.preset("paper").status.max_conflict == 0
