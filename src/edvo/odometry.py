@@ -1,6 +1,5 @@
 """The main loop: one frame in, one pose out (§III-§V)."""
 
-import enum
 import logging
 import math
 from dataclasses import dataclass, replace
@@ -12,13 +11,15 @@ from edvo import kernels, se3
 from edvo.camera import Camera
 from edvo.clock import Clock, StageClock, no_clock
 from edvo.config import Config
-from edvo.edges import EdgeBuffers, EdgeImage, EdgePixels, extract_edges
+from edvo.edges import EdgeBuffers, extract_edges
 from edvo.errors import FrameError, TrajectoryError
 from edvo.frame import Frame
 from edvo.keyframes import Keyframe, KeyframeStore, is_due
-from edvo.planes import PlaneFitter, PlanePoints
+from edvo.planes import PlaneFitter
 from edvo.registration import Alignment, Registration
 from edvo.sampling import sample_edges
+from edvo.search import Search, Seen
+from edvo.status import Judge, Status
 from edvo.trajectory import Trajectory
 from edvo.uncertainty import Uncertainty, degenerate_directions, describe
 from edvo.witness import Witness
@@ -28,28 +29,16 @@ __all__ = ["Odometry", "StageClock", "Status", "TrackedFrame"]
 logger = logging.getLogger(__name__)
 
 SEED_STRIDE = 1_000_003  # frames that seeds keep apart
+LONGEST_GAP_S = 1.0  # that a lost camera is expected to have gone on
 LONGEST_PREDICTION_S = 0.2  # beyond it a constant velocity says nothing about a hand
 SHORTEST_PERIOD_S = 1e-3  # closer stamps are no more than a clock's jitter
-SEARCH_STRIDE = 4  # a search far afield takes one sample in so many
-LOOP_M, LOOP_RAD = 0.03, math.radians(1.5)  # that a frame found again may be off, both ways
 RECOVERY_PERIOD_S = 0.15  # then it is held against the stored keyframes no more often than that
 # Lost for longer, by time and by frames, a frame may show any place that was seen before.
 LONG_LOST_S, LONG_LOST_FRAMES = 0.3, 3
-MILD_SIGMA = 1.5  # times the sensor's noise, up to which depth raises no doubt
-FADING = 0.97  # a frame, of the worst fit of depth seen of late
 CONFLICT_S = 1.0  # after one, a pose is no better than the way that led to it
-AGREEING_SIGMA = 3.0  # times the sensor's noise, at which depth agrees half
 FREEZE_S = 0.3  # for so long images may repeat: a recorder wrote one twice
 SIGHT_STRIDE = 8  # one pixel in so many, by row and column, tells whether an image is a new one
 NOMINAL_PERIOD_S = 1 / 30  # stands in where stamps repeat, all but repeat, or go back
-
-
-class Status(enum.Enum):
-    """How far a pose is to be trusted."""
-
-    TRACKED = "tracked"
-    DEGRADED = "degraded"
-    LOST = "lost"
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,16 +90,6 @@ class TrackedFrame:
     alignment: Alignment | None
     covariance: NDArray[np.float64] | None = None
     degenerate: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class Seen:
-    """A frame, and what was made of it."""
-
-    frame: Frame
-    edges: EdgeImage
-    samples: EdgePixels
-    points: PlanePoints
 
 
 class Odometry:
@@ -181,7 +160,10 @@ class Odometry:
         self._losses = 0  # frames in a row
         self._sight = np.empty((0, 0), np.uint8)  # of the last image
         self._sight_time = -math.inf
-        self._usual_depth = math.inf  # the largest sigma_depth of late
+        self._judge = Judge(self.config)
+        self._search = Search(
+            self.camera, self.config, self._registration, self._fitter, self._judge
+        )
         self._witness.forget()
         self._conflict_time = -math.inf
         self._count = 0
@@ -239,12 +221,15 @@ class Odometry:
                 return self._find_back(seen)
         with clock("registration"):
             starts = self._starts(frame.timestamp)
-            alignment = self._register(self._keyframe, samples, points, starts)
-        status, reason = self._judge(alignment, frame.timestamp)
+            key = self._keyframe
+            alignment = self._registration.align(
+                key.edges, samples, starts, key.planes, points, self._fitter.term
+            )
+        status, reason = self._assess(alignment, frame.timestamp)
         if status is not Status.TRACKED and config.motion.search_deg:
             with clock("search"):
-                alignment = self._search(self._keyframe, self._T_key_last, seen, alignment)
-            status, reason = self._judge(alignment, frame.timestamp)
+                alignment = self._search.around(key, self._T_key_last, seen, alignment)
+            status, reason = self._assess(alignment, frame.timestamp)
         if status is not Status.LOST and config.status.max_conflict:
             with clock("witness"):
                 status, reason = self._question(seen, alignment, status, reason)
@@ -287,47 +272,6 @@ class Odometry:
         index, T_key_cur = self._keyframe.index, self._T_key_last
         return self._keep(timestamp, Status.DEGRADED, reason, T_key_cur, index)
 
-    def _register(
-        self,
-        key: Keyframe,
-        samples: EdgePixels,
-        points: PlanePoints,
-        starts: NDArray[np.float64],
-    ) -> Alignment:
-        return self._registration.align(
-            key.edges, samples, starts, key.planes, points, self._fitter.term
-        )
-
-    def _search(
-        self,
-        key: Keyframe,
-        T_key_start: NDArray[np.float64],
-        seen: Seen,
-        found: Alignment | None = None,
-    ) -> Alignment:
-        """Look farther afield, with few samples, for where both edges and depth agree best.
-
-        A hand turns a camera faster than it carries it, so what an image moves by is mostly yaw
-        and pitch.
-        """
-        few, points = seen.samples.every(SEARCH_STRIDE), seen.points
-        angle = math.radians(self.config.motion.search_deg)
-        best, most = None, 0.0 if found is None else _agreement(found, key, points)
-        for yaw in (-2, -1, 0, 1, 2):
-            for pitch in (-1, 0, 1):
-                turn = se3.exp(np.array([0.0, 0.0, 0.0, pitch * angle, yaw * angle, 0.0]))
-                tried = self._register(key, few, points, (T_key_start @ turn)[None])
-                agreement = _agreement(tried, key, points)
-                if agreement > most:
-                    best, most = tried.T_ref_cur, agreement
-        if best is None and found is not None:
-            return found
-        start = T_key_start if best is None else best
-        again = self._register(key, seen.samples, points, start[None])
-        if found is not None and _agreement(again, key, points) <= _agreement(found, key, points):
-            return found  # what few samples promised, all of them do not keep
-        return again
-
     def _is_long_lost(self, timestamp: float) -> bool:
         """Whether it has been lost for so long that it may be anywhere it was before."""
         long = self._losses >= LONG_LOST_FRAMES and self._period(timestamp) > LONG_LOST_S
@@ -335,60 +279,18 @@ class Odometry:
 
     def _find_back(self, seen: Seen) -> TrackedFrame:
         """Go on from a stored keyframe, if the frame is sure to fit one; else it is lost."""
+        assert self._keyframe is not None
         timestamp, reason = seen.frame.timestamp, "lost; looks like no place seen before"
         if abs(timestamp - self._last_recovery) >= RECOVERY_PERIOD_S:
             self._last_recovery = timestamp
-            recovered = self._recover(seen)
+            gap = self._period(timestamp)
+            expected = self._T_world_last @ self._ahead(timestamp, LONGEST_GAP_S)
+            recovered = self._search.everywhere(self._store, self._keyframe, seen, expected, gap)
             if recovered is not None:
                 self._keyframe, alignment = recovered
                 self._T_key_last = alignment.T_ref_cur  # it has not moved, it was found
                 return self._accept(seen, Status.TRACKED, "", alignment)
         return self._lose(timestamp, reason, len(seen.edges), len(seen.samples), None)
-
-    def _recover(self, seen: Seen) -> tuple[Keyframe, Alignment] | None:
-        """Find the stored keyframe that the frame fits best, and beyond doubt both ways.
-
-        All that are like it are tried before one is taken: where things repeat, as steps do, the
-        wrong one fits well, and the right one better.
-        """
-        candidates = []
-        for key in self._store.likest(seen.edges.view(), self.config.keyframes.tried):
-            found = self._search(key, np.eye(4), seen)
-            if self._is_sure(found) and self._is_near(key, found, seen.frame.timestamp):
-                candidates.append((_agreement(found, key, seen.points), key, found))
-        if not candidates:
-            return None
-        _, key, found = max(candidates, key=lambda candidate: candidate[0])
-        back = self._registration.align(
-            self._registration.index(seen.edges.describe(self.camera)),
-            key.samples,
-            se3.inverse(found.T_ref_cur)[None],
-            self._fitter.planes(seen.frame.depth),
-            key.points,
-            self._fitter.term,
-        )
-        T_loop = back.T_ref_cur @ found.T_ref_cur
-        apart, turned = math.hypot(*T_loop[:3, 3].tolist()), se3.rotation_angle(T_loop)
-        if not self._is_sure(back) or apart > LOOP_M or turned > LOOP_RAD:
-            return None
-        return key, found
-
-    def _is_sure(self, alignment: Alignment) -> bool:
-        """Whether a registration is good enough to say where the camera is from nothing."""
-        status = self.config.status
-        return (
-            alignment.converged
-            and alignment.reason not in FAILURES
-            and alignment.inliers >= status.doubt_inliers * len(alignment.matches)
-            and alignment.agreeing >= status.doubt_agreeing * len(alignment.matches)
-            and not (alignment.depth_balance and alignment.sigma_depth > status.max_depth_sigma)
-        )
-
-    def _is_near(self, key: Keyframe, alignment: Alignment, timestamp: float) -> bool:
-        """Whether the camera can have come there since it was lost."""
-        T_last_cur = se3.inverse(self._T_world_last) @ key.T_world_key @ alignment.T_ref_cur
-        farthest = self.config.motion.max_speed_m_s * self._period(timestamp)
-        return math.hypot(*T_last_cur[:3, 3].tolist()) < farthest
 
     def _check_size(self, frame: Frame) -> None:
         height, width = frame.grey.shape
@@ -398,18 +300,11 @@ class Odometry:
                 f"{self.camera.width} x {self.camera.height}; give the camera of these images"
             )
 
-    def _note_depth(self, sigma: float) -> None:
-        """Remember how badly depth fits where all is well: that differs from camera to camera."""
-        faded = 0.0 if math.isinf(self._usual_depth) else FADING * self._usual_depth
-        self._usual_depth = max(sigma, faded)
-
     def _begin(self, seen: Seen) -> TrackedFrame:
         """Take the first usable frame as the first keyframe."""
         self._set_keyframe(seen)
         self._last_time = timestamp = seen.frame.timestamp
-        return self._keep(
-            timestamp, Status.TRACKED, "", np.eye(4), -1, is_keyframe=True, seen=seen
-        )
+        return self._keep(timestamp, Status.TRACKED, "", np.eye(4), -1, is_keyframe=True, seen=seen)
 
     def _accept(
         self, seen: Seen, status: Status, reason: str, alignment: Alignment
@@ -422,8 +317,8 @@ class Odometry:
         self._last_time = timestamp
         self._velocity = se3.log(se3.inverse(self._T_key_last) @ T_key_cur) / period
         self._T_key_last = T_key_cur
-        if status is Status.TRACKED and alignment.depth_balance:
-            self._note_depth(alignment.sigma_depth)
+        if status is Status.TRACKED:
+            self._judge.note(alignment)
         self._T_world_last = keyframe.T_world_key @ T_key_cur
         with self._clock("uncertainty"):
             covariance = self._covariance(keyframe, seen, alignment)
@@ -529,9 +424,11 @@ class Odometry:
             return NOMINAL_PERIOD_S
         return timestamp - self._last_time
 
-    def _ahead(self, timestamp: float) -> NDArray[np.float64]:
+    def _ahead(
+        self, timestamp: float, longest_s: float = LONGEST_PREDICTION_S
+    ) -> NDArray[np.float64]:
         """Motion since the last pose, at constant velocity."""
-        return se3.exp(self._velocity * min(self._period(timestamp), LONGEST_PREDICTION_S))
+        return se3.exp(self._velocity * min(self._period(timestamp), longest_s))
 
     def _starts(self, timestamp: float) -> NDArray[np.float64]:
         """Poses to start from, relative to the keyframe."""
@@ -563,50 +460,13 @@ class Odometry:
         self._witness.remember(timestamp, T_world_cam, surface)
         return status, reason
 
-    def _judge(self, alignment: Alignment, timestamp: float) -> tuple[Status, str]:
-        """Say how far a registration is to be trusted, and why not further."""
-        if alignment.reason in FAILURES:
-            return Status.LOST, alignment.reason
-        status, motion = self.config.status, self.config.motion
-        share = alignment.inliers / len(alignment.matches)
-        agreeing = alignment.agreeing / len(alignment.matches)
-        if share < status.min_inliers:
-            return Status.LOST, f"only {share:.0%} of the samples fit"
-        if agreeing < status.min_agreeing:
-            return Status.LOST, f"only {agreeing:.0%} of the samples fit edges that are turned alike"
+    def _assess(self, alignment: Alignment, timestamp: float) -> tuple[Status, str]:
+        """Judge a registration by its evidence, and by how far it is from the last pose."""
         T_last_cur = se3.inverse(self._T_key_last) @ alignment.T_ref_cur
         period = self._period(timestamp)
         speed = math.hypot(*T_last_cur[:3, 3].tolist()) / period
         turn = math.degrees(se3.rotation_angle(T_last_cur)) / period
-        if speed > motion.max_speed_m_s or turn > motion.max_turn_deg_s:
-            return Status.LOST, f"implausible jump: {speed:.1f} m/s, {turn:.0f} deg/s"
-        doubt = ""
-        if not alignment.converged:
-            doubt = alignment.reason
-        elif share < status.doubt_inliers:
-            doubt = f"only {share:.0%} of the samples fit"
-        elif agreeing < status.doubt_agreeing:
-            doubt = f"only {agreeing:.0%} of the samples fit edges that are turned alike"
-        elif alignment.sigma_depth > max(status.depth_jump * self._usual_depth, MILD_SIGMA):
-            times = alignment.sigma_depth / self._usual_depth
-            return Status.DEGRADED, f"depth is off the keyframe's by {times:.0f} times the usual"
-        if doubt and alignment.depth_balance and alignment.sigma_depth > status.max_depth_sigma:
-            return Status.LOST, f"{doubt}, and depth contradicts the edges"
-        return (Status.DEGRADED, doubt) if doubt else (Status.TRACKED, "")
-
-
-def _agreement(alignment: Alignment, key: Keyframe, points: PlanePoints) -> float:
-    """Say how well a registration fits, from 0 to 1: the edges' share, times that of depth."""
-    if alignment.reason in FAILURES:
-        return 0.0
-    edges = alignment.agreeing / len(alignment.matches)
-    if not len(points.sigma) or not key.planes.offsets.any():
-        return edges
-    near = alignment.plane_points / len(points.sigma)
-    return edges * near / (1 + alignment.sigma_depth / AGREEING_SIGMA)
-
-
-FAILURES = ("too few matches", "edges do not constrain the motion")
+        return self._judge.judge(alignment, speed, turn)
 
 
 def _checked(T: NDArray[np.float64]) -> NDArray[np.float64]:

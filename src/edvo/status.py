@@ -1,0 +1,136 @@
+"""How far a pose is to be trusted, and why not further."""
+
+import enum
+import math
+
+from edvo.config import Config
+from edvo.planes import PlaneMap, PlanePoints
+from edvo.registration import Alignment
+
+FAILURES = ("too few matches", "edges do not constrain the motion")
+MILD_SIGMA = 1.5  # times the sensor's noise, up to which depth raises no doubt
+FADING = 0.97  # a frame, of the worst fit of depth seen of late
+AGREEING_SIGMA = 3.0  # times the sensor's noise, at which depth agrees half
+
+
+class Status(enum.Enum):
+    """How far a pose is to be trusted."""
+
+    TRACKED = "tracked"
+    DEGRADED = "degraded"
+    LOST = "lost"
+
+
+class Judge:
+    """Judges registrations, and remembers how well depth fitted where all was well.
+
+    Parameters
+    ----------
+    config : Config
+        Its bounds of status and motion.
+    """
+
+    def __init__(self, config: Config) -> None:
+        self._status = config.status
+        self._motion = config.motion
+        self._usual = math.inf  # the largest sigma_depth of late
+
+    def note(self, alignment: Alignment) -> None:
+        """Take note of a registration that is to be trusted.
+
+        How badly depth fits differs from camera to camera more than it does in time.
+        """
+        if alignment.depth_balance:
+            faded = 0.0 if math.isinf(self._usual) else FADING * self._usual
+            self._usual = max(alignment.sigma_depth, faded)
+
+    def judge(self, alignment: Alignment, speed: float, turn: float) -> tuple[Status, str]:
+        """Say how far a registration is to be trusted, and why not further.
+
+        Parameters
+        ----------
+        alignment : Alignment
+        speed : float
+            What the camera would have moved by since the last frame, m/s.
+        turn : float
+            And turned by, degrees a second.
+
+        Returns
+        -------
+        (Status, str)
+            The reason is empty where it is ``TRACKED``.
+        """
+        if alignment.reason in FAILURES:
+            return Status.LOST, alignment.reason
+        status, motion = self._status, self._motion
+        fitting = alignment.inliers / len(alignment.matches)
+        agreeing = alignment.agreeing / len(alignment.matches)
+        few = f"only {fitting:.0%} of the samples fit"
+        unlike = f"only {agreeing:.0%} of the samples fit edges that are turned alike"
+        if fitting < status.min_inliers:
+            return Status.LOST, few
+        if agreeing < status.min_agreeing:
+            return Status.LOST, unlike
+        if speed > motion.max_speed_m_s or turn > motion.max_turn_deg_s:
+            return Status.LOST, f"implausible jump: {speed:.1f} m/s, {turn:.0f} deg/s"
+        doubt = ""
+        if not alignment.converged:
+            doubt = alignment.reason
+        elif fitting < status.doubt_inliers:
+            doubt = few
+        elif agreeing < status.doubt_agreeing:
+            doubt = unlike
+        if doubt and alignment.depth_balance and alignment.sigma_depth > status.max_depth_sigma:
+            return Status.LOST, f"{doubt}, and depth contradicts the edges"
+        if not doubt and alignment.sigma_depth > max(status.depth_jump * self._usual, MILD_SIGMA):
+            times = alignment.sigma_depth / self._usual
+            doubt = f"depth is off the keyframe's by {times:.0f} times the usual"
+        return (Status.DEGRADED, doubt) if doubt else (Status.TRACKED, "")
+
+    def is_sure(self, alignment: Alignment, *, seen_only: bool = False) -> bool:
+        """Whether a registration is good enough to say where the camera is from nothing.
+
+        Parameters
+        ----------
+        alignment : Alignment
+        seen_only : bool
+            Whether samples without a match, such as those out of view, do not count.
+
+        Returns
+        -------
+        bool
+        """
+        status = self._status
+        samples = alignment.match_count if seen_only else len(alignment.matches)
+        return (
+            alignment.converged
+            and alignment.reason not in FAILURES
+            and alignment.inliers >= status.doubt_inliers * samples
+            and alignment.agreeing >= status.doubt_agreeing * samples
+            and not (alignment.depth_balance and alignment.sigma_depth > status.max_depth_sigma)
+        )
+
+
+def agreement(alignment: Alignment, planes: PlaneMap, points: PlanePoints) -> float:
+    """Say how well a registration fits: the edges' share, times that of depth.
+
+    Parameters
+    ----------
+    alignment : Alignment
+    planes : PlaneMap
+        Of the reference.
+    points : PlanePoints
+        Of the frame.
+
+    Returns
+    -------
+    float
+        From 0 to 1.
+    """
+    if alignment.reason in FAILURES:
+        return 0.0
+    edges = alignment.agreeing / len(alignment.matches)
+    if not len(points.sigma) or not planes.offsets.any():
+        return edges
+    near = alignment.plane_points / len(points.sigma)
+    return edges * near / (1 + alignment.sigma_depth / AGREEING_SIGMA)
