@@ -2,6 +2,7 @@
 
 import time
 
+import cv2
 import numpy as np
 import pytest
 
@@ -564,3 +565,132 @@ def test_align_on_rendered_images():
     distance, angle = problems.error(se3.inverse(poses[0]) @ poses[3], alignment.T_ref_cur)
     assert distance < 0.015
     assert angle < 0.3
+
+
+# -------------------------------------------------------------------------------------- witness
+
+
+PLAIN = Camera(160, 120, 145.0, 146.0, 78.0, 61.0)
+BENT = Camera(160, 120, 145.0, 146.0, 78.0, 61.0, (0.1, -0.2, -0.001, 0.002, 0.05))
+
+
+def lens(camera):
+    return kernels.Lens(*camera.distortion)
+
+
+def test_distorted(rng):
+    rays = rng.uniform(-0.6, 0.6, (500, 2))
+    expected = LENS.distort(rays * (LENS.fx, LENS.fy) + (LENS.cx, LENS.cy))
+    found = [kernels.distorted(x, y, lens(LENS)) for x, y in rays]
+    np.testing.assert_allclose(
+        np.array(found) * (LENS.fx, LENS.fy) + (LENS.cx, LENS.cy), expected, atol=1e-9
+    )
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 8])
+def test_mirrored(size):
+    for i in range(-7, size + 7):
+        assert kernels.mirrored(i, size) == cv2.borderInterpolate(i, size, cv2.BORDER_REFLECT_101)
+
+
+@pytest.mark.parametrize("side", [1, 2, 5, 7, 8])
+def test_squares_ahead(rng, side):
+    image = rng.random((30, 40)).astype(np.float32)
+    least, expected = both(
+        "least_ahead",
+        lambda: kernels.least_ahead(image.flatten(), 40, side),
+        lambda: twins.least_ahead(image, side),
+    )
+    rows, cols = expected.shape
+    np.testing.assert_array_equal(least.reshape(30, 40)[:rows, :cols], expected)
+    there = (image > 0.5).astype(np.int16)
+    total, expected = both(
+        "sum_ahead",
+        lambda: kernels.sum_ahead(there.flatten(), 40, side),
+        lambda: twins.sum_ahead(there, side),
+    )
+    np.testing.assert_array_equal(total.reshape(30, 40)[:rows, :cols], expected)
+
+
+@pytest.mark.parametrize("reach", [0, 1, 3])
+@pytest.mark.parametrize(("shape", "step"), [((120, 160), 4), ((480, 640), 4), ((11, 7), 3)])
+def test_surround(rng, shape, step, reach):
+    depth = rng.uniform(0.3, 8.0, shape).astype(np.float32)
+    depth[rng.random(shape) < 0.4] = 0
+    depth[: shape[0] // 4, : shape[1] // 3] = 0
+    size = depth[step // 2 :: step, step // 2 :: step].shape
+    kept, near, far = np.empty((3, *size), np.float32)
+    _, expected = both(
+        "surround",
+        lambda: kernels.surround(depth, step, reach, kept, near, far),
+        lambda: twins.surround(depth, step, reach),
+    )
+    for found, wanted in zip((kept, near, far), expected, strict=True):
+        np.testing.assert_array_equal(found, wanted)
+
+
+@pytest.mark.parametrize("camera", [PLAIN, BENT])
+def test_points_in_front(rng, camera):
+    points = rng.uniform((-1, -1, -0.2), (1, 1, 3), (1200, 3))
+    T, (rows, cols) = problems.motion(rng, 0.1, 5.0), (30, 40)
+    z, cell = np.empty(len(points)), np.empty(len(points), np.int32)
+    count, (expected_z, expected_cell) = both(
+        "warp_to_cells",
+        lambda: kernels.warp_to_cells(
+            points, T, pinhole(camera), lens(camera), 4, rows, cols, z, cell
+        ),
+        lambda: twins.warp_to_cells(points, T, camera, 4, rows, cols),
+    )
+    assert 100 < count < len(points)
+    np.testing.assert_array_equal(cell[:count], expected_cell)
+    np.testing.assert_allclose(z[:count], expected_z, rtol=1e-12)
+    near, far = np.sort(rng.uniform(0, 3, (2, rows, cols)), axis=0).astype(np.float32)
+    near[near < 0.1], far[rng.random(far.shape) < 0.2] = 0, 0
+    slack = 0.02 + 0.1 * rng.random(count)
+    found, expected = both(
+        "count_in_front",
+        lambda: kernels.count_in_front(z[:count], slack, cell[:count], near, far),
+        lambda: twins.count_in_front(z[:count], slack, cell[:count], near, far),
+    )
+    assert found == expected
+
+
+# ---------------------------------------------------------------------------- depth registration
+
+
+@pytest.mark.parametrize("camera", [PLAIN, BENT])
+def test_project_row(rng, camera):
+    rays = rng.uniform(-4, 4, (3, 3, 500))
+    z, shift, seen = rng.uniform(0.3, 3, 499), np.array([0.03, -0.01, 0.02]), np.empty((3, 499))
+    _, expected = both(
+        "project_row",
+        lambda: kernels.project_row(
+            z, rays, 2, 1, shift, pinhole(camera), lens(camera), camera.fold, seen
+        ),
+        lambda: twins.project_row(z, rays[:, 2, 1:], shift, camera),
+    )
+    visible = ~np.isnan(expected[0])
+    assert 0.1 < visible.mean() < 0.9
+    np.testing.assert_array_equal(~np.isnan(seen[0]), visible)
+    np.testing.assert_array_equal(seen[:, visible], expected[:, visible])
+
+
+@pytest.mark.parametrize("camera", [PLAIN, BENT])
+@pytest.mark.parametrize("seed", range(4))
+def test_splat_depth(camera, seed):
+    rng = np.random.default_rng(seed)
+    depth = depth_image(rng)
+    depth[1, :3] = np.nan, np.inf, -1.0
+    u, v = np.meshgrid(np.arange(161) - 0.5, np.arange(121) - 0.5)
+    rays = np.stack(((u - 79.0) / 150.0, (v - 60.0) / 150.0, np.ones_like(u)))
+    T = problems.motion(rng, 0.1, (3.0, 30.0, 90.0, 180.0)[seed])
+    rays = np.ascontiguousarray(np.einsum("ij,jvu->ivu", T[:3, :3], rays))
+    image = np.empty((120, 160), np.float32)
+    _, expected = both(
+        "splat_depth",
+        lambda: kernels.splat_depth(
+            depth, rays, T[:3, 3], pinhole(camera), lens(camera), camera.fold, 16, image
+        ),
+        lambda: twins.splat_depth(depth, rays, T[:3, 3], camera, 16),
+    )
+    np.testing.assert_array_equal(image, expected)

@@ -6,6 +6,7 @@ of matching in `edvo.matching.match_all_pairs`, that of `exp_se3` in `edvo.se3`.
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from edvo import kernels, robust, se3
@@ -293,3 +294,79 @@ def align(edges, points, gradients, camera, T, robust_criterion, normal_criterio
                 if rejections > solver.max_rejections:
                     break
     return T, iterations, now
+
+
+# -------------------------------------------------------------------------------------- witness
+
+
+def least_ahead(image, side):
+    """Least of the square that begins at each pixel, where the image holds all of it."""
+    return np.lib.stride_tricks.sliding_window_view(image, (side, side)).min(axis=(2, 3))
+
+
+def sum_ahead(image, side):
+    return np.lib.stride_tricks.sliding_window_view(image, (side, side)).sum(axis=(2, 3))
+
+
+def surround(depth, step, reach):
+    """Every step-th depth, and the least and the greatest round it where most is known."""
+    side = 2 * reach + 1
+    kept = np.ascontiguousarray(depth[step // 2 :: step, step // 2 :: step])
+    there, window = kept > 0, np.ones((side, side), np.uint8)
+    near = cv2.erode(np.where(there, kept, np.float32(np.inf)), window)
+    far = cv2.dilate(kept, window)
+    known = cv2.boxFilter(there.astype(np.float32), -1, (side, side)) > 0.5
+    return kept, np.where(known, near, 0), np.where(known, far, 0)
+
+
+def warp_to_cells(points, T, camera, step, rows, cols):
+    X = points @ T[:3, :3].T + T[:3, 3]
+    X = X[X[:, 2] > kernels.MIN_DEPTH]
+    z = X[:, 2]
+    ideal = X[:, :2] / z[:, None] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+    col, row = np.floor(camera.distort(ideal).T / step)
+    inside = (col >= 0) & (row >= 0) & (col < cols) & (row < rows)
+    return z[inside], (row * cols + col)[inside].astype(np.int32)
+
+
+def count_in_front(z, slack, cell, near, far):
+    near, far = near.ravel()[cell], far.ravel()[cell]
+    in_front = z < near - slack
+    hit = in_front | ((far > 0) & (z <= far + slack))
+    return np.count_nonzero(in_front), np.count_nonzero(hit)
+
+
+# ---------------------------------------------------------------------------- depth registration
+
+
+def project_row(z, rays, shift, camera):
+    """Pixels and depths in another camera of a row of points, (3, W), NaN where it sees none."""
+    points = rays.T * z[:, None] + shift
+    return np.column_stack((camera.project(points), points[:, 2])).T
+
+
+def splat_depth(depth, rays, shift, camera, largest):
+    """Depth in the view of another camera, to whose axes ``rays`` (3, H + 1, W + 1) are turned."""
+    rows, columns = np.nonzero(np.isfinite(depth) & (depth > 0.0))
+    z = depth[rows, columns].astype(np.float64)
+    rays = np.moveaxis(rays, 0, 2)
+    corners = np.stack((rays[rows, columns], rays[rows, columns + 1], rays[rows + 1, columns]))
+    points = corners * z[:, None] + shift
+    origin, right, below = camera.project(points.reshape(-1, 3)).reshape(3, -1, 2)
+    along_u, along_v = right - origin, below - origin
+    low = origin + np.minimum(along_u, 0.0) + np.minimum(along_v, 0.0)
+    high = origin + np.maximum(along_u, 0.0) + np.maximum(along_v, 0.0)
+    last = np.array([camera.width, camera.height]) - 0.5
+    visible = ((high > -0.5) & (low < last)).all(axis=1)
+    near = (0.5 * (points[1, :, 2] + points[2, :, 2]))[visible].astype(np.float32)
+    first = np.ceil(np.maximum(low[visible], -0.5))
+    beyond = np.ceil(np.minimum(high[visible], last))
+    u, v = first.astype(np.intp).T
+    count_u, count_v = np.minimum(beyond - first, largest).astype(np.intp).T
+    image = np.full((camera.height, camera.width), np.inf, np.float32)
+    for step_v in range(count_v.max(initial=0)):
+        for step_u in range(count_u.max(initial=0)):
+            hit = (step_u < count_u) & (step_v < count_v)
+            np.minimum.at(image, (v[hit] + step_v, u[hit] + step_u), near[hit])
+    image[np.isinf(image)] = 0.0
+    return image

@@ -247,6 +247,11 @@ class Camera:
         """Whether any distortion coefficient is not zero."""
         return any(self.distortion)
 
+    @property
+    def fold(self) -> float:
+        """Squared radius, of normalised coordinates, at which distortion turns back inwards."""
+        return _fold(self.distortion)
+
     def project(self, points: ArrayLike) -> NDArray[np.float64]:
         """Project points of the camera frame, pi of Eq. (1).
 

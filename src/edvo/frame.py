@@ -165,18 +165,34 @@ def register_depth(
     if T.shape != (4, 4) or not np.isfinite(T).all():
         raise FrameError(f"T_colour_depth is of shape {T.shape}; give a finite 4x4 matrix")
 
-    rows, columns = np.nonzero(np.isfinite(depth) & (depth > 0.0))
-    z = depth[rows, columns].astype(np.float64)
-    # Three corners of a depth pixel, and the parallelogram that they span in the colour image.
-    rays = _corner_rays(depth_camera) @ T[:3, :3].T
-    corners = np.stack((rays[rows, columns], rays[rows, columns + 1], rays[rows + 1, columns]))
-    points = corners * z[:, None] + T[:3, 3]
-    origin, right, below = colour_camera.project(points.reshape(-1, 3)).reshape(3, -1, 2)
-    along_u, along_v = right - origin, below - origin
-    low = origin + np.minimum(along_u, 0.0) + np.minimum(along_v, 0.0)
-    high = origin + np.maximum(along_u, 0.0) + np.maximum(along_v, 0.0)
-    centre = 0.5 * (points[1, :, 2] + points[2, :, 2])
-    return _splat(low, high, centre, colour_camera)
+    from edvo import kernels  # the reader of a single camera need not wait for the compiler
+
+    # Two types are enough for compiled code, which takes a writable array for another one.
+    depth = np.ascontiguousarray(depth, np.float32 if depth.dtype == np.float32 else np.float64)
+    depth = depth.view()
+    depth.setflags(write=False)
+    to = colour_camera
+    image = np.empty((to.height, to.width), np.float32)
+    kernels.splat_depth(
+        depth,
+        _turned_rays(depth_camera, T[:3, :3].tobytes()),
+        T[:3, 3].copy(),
+        kernels.Pinhole(to.fx, to.fy, to.cx, to.cy, to.width, to.height),
+        kernels.Lens(*to.distortion),
+        to.fold,
+        _LARGEST_FOOTPRINT,
+        image,
+    )
+    return image
+
+
+@functools.lru_cache(maxsize=4)
+def _turned_rays(camera: Camera, rotation: bytes) -> NDArray[np.float64]:
+    """Corner rays in the axes of the other camera, shape (3, H + 1, W + 1); once a rig."""
+    R = np.frombuffer(rotation).reshape(3, 3)
+    rays = np.ascontiguousarray(np.moveaxis(_corner_rays(camera) @ R.T, 2, 0))
+    rays.flags.writeable = False
+    return rays
 
 
 @functools.lru_cache(maxsize=4)
@@ -186,28 +202,6 @@ def _corner_rays(camera: Camera) -> NDArray[np.float64]:
     rays = camera.backproject(np.column_stack((u.ravel(), v.ravel())), np.ones(u.size))
     rays.flags.writeable = False  # shared by every caller
     return rays.reshape(*u.shape, 3)
-
-
-def _splat(
-    low: NDArray[np.float64], high: NDArray[np.float64], z: NDArray[np.float64], camera: Camera
-) -> NDArray[np.float32]:
-    """Write z into the pixels whose centres lie in [low, high), the smallest winning."""
-    first_edge, last_edge = -0.5, np.array([camera.width, camera.height]) - 0.5
-    # Also drops NaN, which stands for points that the camera cannot see.
-    visible = ((high > first_edge) & (low < last_edge)).all(axis=1)
-    near = z[visible].astype(np.float32)
-    first = np.ceil(np.maximum(low[visible], first_edge))
-    beyond = np.ceil(np.minimum(high[visible], last_edge))
-    u, v = first.astype(np.intp).T
-    count_u, count_v = np.minimum(beyond - first, _LARGEST_FOOTPRINT).astype(np.intp).T
-    index = v * camera.width + u
-    image = np.full(camera.height * camera.width, np.inf, np.float32)
-    for step_v in range(count_v.max(initial=0)):
-        for step_u in range(count_u.max(initial=0)):
-            hit = (step_u < count_u) & (step_v < count_v)
-            np.minimum.at(image, index[hit] + (step_v * camera.width + step_u), near[hit])
-    image[np.isinf(image)] = 0.0
-    return image.reshape(camera.height, camera.width)
 
 
 def _to_grey(colour: NDArray[Any], order: str) -> NDArray[np.uint8]:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
+I16 = NDArray[np.int16]
 I32 = NDArray[np.int32]
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -103,6 +104,16 @@ class Pinhole(NamedTuple):
     cy: float
     width: int
     height: int
+
+
+class Lens(NamedTuple):
+    """Distortion as in OpenCV, in the order of ``Camera.distortion``."""
+
+    k1: float
+    k2: float
+    p1: float
+    p2: float
+    k3: float
 
 
 class Matches(NamedTuple):
@@ -213,7 +224,7 @@ def collect_edges(mask: NDArray[np.uint8], index: I32) -> int:
 
 @compiled
 def vertex(before: np.float32, here: np.float32, after: np.float32) -> np.float32:
-    """Where the parabola through three neighbours is highest, at most half a step from the middle."""
+    """Where the parabola through three neighbours is highest, at most half a step off."""
     bend = before - 2 * here + after
     if bend >= 0:
         return np.float32(0)
@@ -1548,3 +1559,240 @@ def score_parts(
             blur[n, m] = blur[m, n]
             for part in range(4):
                 parts[part, n, m] = parts[part, m, n]
+
+
+# -------------------------------------------------------------------------------------- witness
+
+
+@compiled
+def distorted(x: float, y: float, lens: Lens) -> tuple[float, float]:
+    """Brown's model on normalised coordinates, as ``Camera.distort`` has it."""
+    xx, yy, xy = x * x, y * y, x * y
+    s = xx + yy
+    radial = 1.0 + s * (lens.k1 + s * (lens.k2 + s * lens.k3))
+    return (
+        x * radial + 2.0 * lens.p1 * xy + lens.p2 * (s + 2.0 * xx),
+        y * radial + lens.p1 * (s + 2.0 * yy) + 2.0 * lens.p2 * xy,
+    )
+
+
+@compiled
+def mirrored(i: int, n: int) -> int:
+    """Index of n that i stands for past either end, where the end itself is not repeated."""
+    while n > 1 and not 0 <= i < n:
+        i = -i if i < 0 else 2 * (n - 1) - i
+    return i if n > 1 else 0
+
+
+@compiled
+def least_ahead(values: F32, wide: int, side: int) -> F32:
+    """Least of the square that begins at each pixel of an image whose rows are ``wide``, flat.
+
+    Squares that leave the image give anything. Overwrites its input.
+    """
+    spare = np.empty(values.size, np.float32)
+    for stride in (1, wide):
+        width = 1
+        while width < side:  # the least of so many is that of two half as wide
+            shift = min(width, side - width)
+            ahead = values[shift * stride :]
+            for i in range(ahead.size):
+                spare[i] = ahead[i] if ahead[i] < values[i] else values[i]
+            values, spare = spare, values
+            width += shift
+    return values
+
+
+@compiled
+def sum_ahead(values: I16, wide: int, side: int) -> I16:
+    """Sum of the square that begins at each pixel; see `least_ahead`."""
+    for stride in (1, wide):
+        sums = values.copy()
+        for k in range(1, side):
+            ahead = values[k * stride :]
+            for i in range(ahead.size):
+                sums[i] += ahead[i]
+        values = sums
+    return values
+
+
+@compiled
+def surround(depth: F32, step: int, reach: int, kept: F32, near: F32, far: F32) -> None:
+    """Keep every step-th depth, and the least and the greatest of the square round each.
+
+    The square reaches ``reach`` of the kept depths to each side. Where no more than half of it
+    holds a depth, the image mirrored at its border, ``near`` and ``far`` are 0.
+    """
+    rows, cols = kept.shape
+    side, wide, high = 2 * reach + 1, cols + 2 * reach, rows + 2 * reach
+    # with a margin all round, so that a square is what lies ahead of its first corner
+    least = np.full((high, wide), np.float32(np.inf))
+    most = np.zeros((high, wide), np.float32)  # depths with a minus, so that it is a least too
+    there = np.empty((high, wide), np.int16)
+    for r in range(rows):
+        source = depth[step // 2 + r * step]
+        to, one, other = kept[r], least[r + reach], most[r + reach]
+        for c in range(cols):
+            z = source[step // 2 + c * step]
+            to[c] = z
+            one[reach + c] = z if z > 0 else np.float32(np.inf)
+            other[reach + c] = -z
+    for r in range(high):
+        seen, line = kept[mirrored(r - reach, rows)], there[r]
+        for c in range(cols):
+            line[reach + c] = seen[c] > 0
+        for c in range(reach):
+            line[c] = seen[mirrored(c - reach, cols)] > 0
+            line[reach + cols + c] = seen[mirrored(cols + c, cols)] > 0
+    below = least_ahead(least.reshape(-1), wide, side)
+    above = least_ahead(most.reshape(-1), wide, side)
+    count = sum_ahead(there.reshape(-1), wide, side)
+    for r in range(rows):
+        for c in range(cols):
+            i = r * wide + c
+            is_known = 2 * count[i] > side * side
+            near[r, c] = below[i] if is_known else np.float32(0)
+            far[r, c] = -above[i] if is_known else np.float32(0)
+
+
+@compiled
+def warp_to_cells(
+    points: F64,
+    T: F64,
+    camera: Pinhole,
+    lens: Lens,
+    step: int,
+    rows: int,
+    cols: int,
+    z: F64,
+    cell: I32,
+) -> int:
+    """Warp points by T into an image, distorted where the lens does so, of cells ``step`` wide.
+
+    Writes depth and flat cell of those that come to lie in one; returns how many.
+    """
+    bent = lens.k1 != 0 or lens.k2 != 0 or lens.p1 != 0 or lens.p2 != 0 or lens.k3 != 0
+    count = 0
+    for i in range(points.shape[0]):
+        x, y, w = points[i, 0], points[i, 1], points[i, 2]
+        pz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * w + T[2, 3]
+        if not pz > MIN_DEPTH:
+            continue
+        u = (T[0, 0] * x + T[0, 1] * y + T[0, 2] * w + T[0, 3]) / pz
+        v = (T[1, 0] * x + T[1, 1] * y + T[1, 2] * w + T[1, 3]) / pz
+        if bent:
+            u, v = distorted(u, v, lens)
+        u, v = u * camera.fx + camera.cx, v * camera.fy + camera.cy
+        if 0 <= u < cols * step and 0 <= v < rows * step:
+            z[count] = pz
+            cell[count] = int(v / step) * cols + int(u / step)
+            count += 1
+    return count
+
+
+@compiled
+def count_in_front(z: F64, slack: F64, cell: I32, near: F32, far: F32) -> tuple[int, int]:
+    """Count the points in front of the surface at their cells, and those in front or on it."""
+    near, far = near.reshape(-1), far.reshape(-1)
+    in_front, together = 0, 0
+    for i in range(z.size):
+        k = cell[i]
+        if z[i] < near[k] - slack[i]:
+            in_front += 1
+            together += 1
+        elif far[k] > 0 and z[i] <= far[k] + slack[i]:
+            together += 1
+    return in_front, together
+
+
+# ---------------------------------------------------------------------------- depth registration
+
+
+# a division by zero is to give what the comparisons then drop, not to raise
+@compiled_with(error_model="numpy")
+def project_row(
+    z: F64,
+    rays: F64,
+    row: int,
+    col: int,
+    shift: F64,
+    camera: Pinhole,
+    lens: Lens,
+    fold: float,
+    to: F64,
+) -> None:
+    """Write u, v and depth in another camera of points on a row of rays, from a column on.
+
+    Where that camera does not see one, u is NaN; see `splat_depth`.
+    """
+    # contiguous, which lets the compiler take several at a time
+    X, Y, Z = rays[0, row][col:], rays[1, row][col:], rays[2, row][col:]
+    U, V, W = to[0], to[1], to[2]
+    for c in range(z.size):
+        W[c] = Z[c] * z[c] + shift[2]
+        U[c] = (X[c] * z[c] + shift[0]) / W[c]
+        V[c] = (Y[c] * z[c] + shift[1]) / W[c]
+    if lens.k1 != 0 or lens.k2 != 0 or lens.p1 != 0 or lens.p2 != 0 or lens.k3 != 0:
+        for c in range(z.size):
+            x, y = U[c], V[c]
+            bent = distorted(x, y, lens)
+            U[c] = np.nan if x * x + y * y >= fold else bent[0]
+            V[c] = bent[1]
+    for c in range(z.size):
+        U[c] = U[c] * camera.fx + camera.cx if W[c] > 0 else np.nan
+        V[c] = V[c] * camera.fy + camera.cy
+
+
+@compiled
+def splat_depth(
+    depth: F32,
+    rays: F64,
+    shift: F64,
+    camera: Pinhole,
+    lens: Lens,
+    fold: float,
+    largest: int,
+    image: F32,
+) -> None:
+    """Write each depth into the pixels of another camera that it covers; the nearest wins.
+
+    ``rays`` (3, H + 1, W + 1) are points of unit depth at the corners of the pixels, turned to
+    that camera, and ``shift`` what they move by. Three corners span a parallelogram; depth goes
+    to the pixels with their centres within its bounds, at most ``largest`` to a side. ``fold`` is
+    the squared radius beyond which the lens has no image. ``image`` is 0 where none arrives.
+    """
+    height, width = image.shape
+    last_u, last_v = width - 0.5, height - 0.5
+    cols = depth.shape[1]
+    z = np.empty(cols)
+    origin, right, below = np.empty((3, cols)), np.empty((3, cols)), np.empty((3, cols))
+    image[:] = np.float32(np.inf)
+    for row in range(depth.shape[0]):
+        z[:] = depth[row]
+        project_row(z, rays, row, 0, shift, camera, lens, fold, origin)
+        project_row(z, rays, row, 1, shift, camera, lens, fold, right)
+        project_row(z, rays, row + 1, 0, shift, camera, lens, fold, below)
+        for c in range(cols):
+            if not 0 < z[c] < np.inf:
+                continue
+            u, v = origin[0, c], origin[1, c]
+            au, bu, av, bv = right[0, c] - u, below[0, c] - u, right[1, c] - v, below[1, c] - v
+            # written so that what is no number stays none, and is then in no pixel
+            low_u = u + (0.0 if au > 0 else au) + (0.0 if bu > 0 else bu)
+            low_v = v + (0.0 if av > 0 else av) + (0.0 if bv > 0 else bv)
+            high_u = u + (0.0 if au < 0 else au) + (0.0 if bu < 0 else bu)
+            high_v = v + (0.0 if av < 0 else av) + (0.0 if bv < 0 else bv)
+            if not (high_u > -0.5 and high_v > -0.5 and low_u < last_u and low_v < last_v):
+                continue
+            first_u, first_v = int(np.ceil(max(low_u, -0.5))), int(np.ceil(max(low_v, -0.5)))
+            beyond_u = min(int(np.ceil(min(high_u, last_u))), first_u + largest)
+            beyond_v = min(int(np.ceil(min(high_v, last_v))), first_v + largest)
+            near = np.float32(0.5 * (right[2, c] + below[2, c]))
+            for j in range(first_v, beyond_v):
+                for i in range(first_u, beyond_u):
+                    if near < image[j, i]:
+                        image[j, i] = near
+    for j in range(height):
+        for i in range(width):
+            if image[j, i] == np.inf:
+                image[j, i] = np.float32(0)

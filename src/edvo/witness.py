@@ -10,18 +10,17 @@ nothing, since a moving camera hides and shows.
 from collections import deque
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from edvo import se3
+from edvo import kernels, se3
 from edvo.camera import Camera
+from edvo.planes import camera_of
 from edvo.sensor import DEPTH_NOISE
 
 STEP_PX, POINTS_EVERY = 4, 4  # a depth is kept at every such pixel; a point at every such depth
 WINDOW = 7  # depths to a side: what lies so near a contour may be shifted, with colour out of step
 SLACK_M, SLACK_SIGMA = 0.02, 6.0  # by which a point must be in front: for the pose, and for noise
-MIN_DEPTH_M = 0.05
 MIN_POINTS = 50  # fewer say nothing
 AGE_S, MAX_AGE_S = 0.15, 1.0  # of the depth image that is asked: what moves slowly needs time
 
@@ -55,7 +54,7 @@ class Witness:
     """
 
     def __init__(self, camera: Camera, sensor: str) -> None:
-        self._camera = camera
+        self._pinhole, self._lens = camera_of(camera), kernels.Lens(*camera.distortion)
         self._noise = DEPTH_NOISE[sensor]
         first = STEP_PX // 2
         v, u = np.mgrid[first : camera.height : STEP_PX, first : camera.width : STEP_PX]
@@ -64,7 +63,7 @@ class Witness:
         ideal = camera.undistort(raw) if camera.is_distorted else raw
         ray = (ideal - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
         self._rays = np.column_stack([ray, np.ones(len(ray))])
-        self._kept = slice(first, None, STEP_PX)
+        self._rows, self._cols = u.shape
         self._ends = ends
         self._seen: deque[tuple[float, NDArray[np.float64], Surface]] = deque()
 
@@ -84,19 +83,11 @@ class Witness:
         -------
         Surface
         """
-        kept = np.ascontiguousarray(depth[self._kept, self._kept])
-        there = kept > 0
-        window = np.ones((WINDOW, WINDOW), np.uint8)
-        near = cv2.erode(np.where(there, kept, np.float32(np.inf)), window)
-        far = cv2.dilate(kept, window)
-        known = cv2.boxFilter(there.astype(np.float32), -1, (WINDOW, WINDOW)) > 0.5
+        kept, near, far = np.empty((3, self._rows, self._cols), np.float32)
+        kernels.surround(depth, STEP_PX, WINDOW // 2, kept, near, far)
         z = kept[self._ends, self._ends].ravel()
         measured = z > 0
-        return Surface(
-            points=self._rays[measured] * z[measured, None],
-            near=np.where(known, near, np.float32(0)),
-            far=np.where(known, far, np.float32(0)),
-        )
+        return Surface(self._rays[measured] * z[measured, None], near, far)
 
     def conflict(self, a: Surface, b: Surface, T_a_b: NDArray[np.float64]) -> float:
         """Say how much of two surfaces cannot be, if neither has moved.
@@ -113,10 +104,10 @@ class Witness:
             Share, of the points that both see, of those that stand in front of the other's
             surface; 0 where they see hardly anything together.
         """
-        in_front, together = np.add(
-            self._compare(a, b.points, T_a_b), self._compare(b, a.points, se3.inverse(T_a_b))
-        )
-        return float(in_front / together) if together >= MIN_POINTS else 0.0
+        there = self._compare(a, b.points, T_a_b)
+        back = self._compare(b, a.points, se3.inverse(T_a_b))
+        together = there[1] + back[1]
+        return (there[0] + back[0]) / together if together >= MIN_POINTS else 0.0
 
     def remember(
         self, timestamp: float, T_world_cam: NDArray[np.float64], surface: Surface
@@ -156,18 +147,11 @@ class Witness:
         self, surface: Surface, points: NDArray[np.float64], T: NDArray[np.float64]
     ) -> tuple[int, int]:
         """Count the points in front of a surface, and those in front of it or on it."""
-        camera = self._camera
-        X = points @ T[:3, :3].T + T[:3, 3]
-        X = X[X[:, 2] > MIN_DEPTH_M]
-        z = X[:, 2]
-        pixels = X[:, :2] / z[:, None] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
-        if camera.is_distorted:
-            pixels = camera.distort(pixels)
-        col, row = (pixels.T // STEP_PX).astype(np.int64)
         rows, cols = surface.near.shape
-        inside = (col >= 0) & (row >= 0) & (col < cols) & (row < rows)
-        z, at = z[inside], (row[inside], col[inside])
+        z, cell = np.empty(len(points)), np.empty(len(points), np.int32)
+        count = kernels.warp_to_cells(
+            points, T, self._pinhole, self._lens, STEP_PX, rows, cols, z, cell
+        )
+        z = z[:count]
         slack = SLACK_M + SLACK_SIGMA * self._noise.sigma_z(z)
-        in_front = z < surface.near[at] - slack
-        hit = in_front | ((surface.far[at] > 0) & (z <= surface.far[at] + slack))
-        return int(np.count_nonzero(in_front)), int(np.count_nonzero(hit))
+        return kernels.count_in_front(z, slack, cell[:count], surface.near, surface.far)
