@@ -629,6 +629,20 @@ def test_surround(rng, shape, step, reach):
         np.testing.assert_array_equal(found, wanted)
 
 
+@pytest.mark.parametrize(("shape", "every"), [((120, 160), 4), ((7, 9), 3), ((1, 1), 1)])
+def test_place_points(rng, shape, every):
+    kept = rng.uniform(0.3, 8.0, shape).astype(np.float32)
+    kept[rng.random(shape) < 0.4] = 0
+    rays = rng.normal(size=(kept[every // 2 :: every, every // 2 :: every].size, 3))
+    points = np.empty_like(rays)
+    count, expected = both(
+        "place_points",
+        lambda: kernels.place_points(kept, every, rays, points),
+        lambda: twins.place_points(kept, every, rays),
+    )
+    np.testing.assert_array_equal(points[:count], expected)
+
+
 @pytest.mark.parametrize("camera", [PLAIN, BENT])
 def test_points_in_front(rng, camera):
     points = rng.uniform((-1, -1, -0.2), (1, 1, 3), (1200, 3))
@@ -694,3 +708,25 @@ def test_splat_depth(camera, seed):
         lambda: twins.splat_depth(depth, rays, T[:3, 3], camera, 16),
     )
     np.testing.assert_array_equal(image, expected)
+
+
+# ------------------------------------------------------------------------------------- evidence
+
+
+def test_judge_matches(rng):
+    matches = rng.integers(-1, 50, 400).astype(np.int32)
+    matches[:100] = -1
+    packed = rng.normal(0, 2, np.count_nonzero(matches >= 0))
+    angle = rng.uniform(0, 2 * np.pi, 450)
+    unit = np.column_stack((np.cos(angle), np.sin(angle))).astype(np.float32)
+    residuals = np.empty(len(matches))
+    (inliers, agreeing), expected = both(
+        "judge_matches",
+        lambda: kernels.judge_matches(
+            matches, packed, unit[:50], unit[50:], 2.0, 0.7071, residuals
+        ),
+        lambda: twins.judge_matches(matches, packed, unit[:50], unit[50:], 2.0, 0.7071),
+    )
+    assert 0 < agreeing < inliers < len(packed)
+    assert (inliers, agreeing) == expected[:2]
+    np.testing.assert_array_equal(residuals, expected[2])

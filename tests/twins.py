@@ -319,6 +319,11 @@ def surround(depth, step, reach):
     return kept, np.where(known, near, 0), np.where(known, far, 0)
 
 
+def place_points(kept, every, rays):
+    z = kept[every // 2 :: every, every // 2 :: every].ravel()
+    return rays[z > 0] * z[z > 0, None]
+
+
 def warp_to_cells(points, T, camera, step, rows, cols):
     X = points @ T[:3, :3].T + T[:3, 3]
     X = X[X[:, 2] > kernels.MIN_DEPTH]
@@ -370,3 +375,14 @@ def splat_depth(depth, rays, shift, camera, largest):
             np.minimum.at(image, (v[hit] + step_v, u[hit] + step_u), near[hit])
     image[np.isinf(image)] = 0.0
     return image
+
+
+# ------------------------------------------------------------------------------------- evidence
+
+
+def judge_matches(matches, packed, reference, gradients, inlier, min_dot):
+    residuals = np.full(len(matches), np.nan)
+    residuals[matches >= 0] = packed
+    fits = np.abs(residuals) < inlier
+    cosines = (reference[matches[fits]] * gradients[fits]).sum(axis=1)
+    return np.count_nonzero(fits), np.count_nonzero(cosines > min_dot), residuals

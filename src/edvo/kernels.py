@@ -1656,6 +1656,22 @@ def surround(depth: F32, step: int, reach: int, kept: F32, near: F32, far: F32) 
 
 
 @compiled
+def place_points(kept: F32, every: int, rays: F64, points: F64) -> int:
+    """Write the points at every so manyth depth, given their rays; returns how many."""
+    count, i = 0, 0
+    for r in range(every // 2, kept.shape[0], every):
+        for c in range(every // 2, kept.shape[1], every):
+            z = np.float64(kept[r, c])
+            if z > 0:
+                points[count, 0] = rays[i, 0] * z
+                points[count, 1] = rays[i, 1] * z
+                points[count, 2] = rays[i, 2] * z
+                count += 1
+            i += 1
+    return count
+
+
+@compiled
 def warp_to_cells(
     points: F64,
     T: F64,
@@ -1796,3 +1812,38 @@ def splat_depth(
         for i in range(width):
             if image[j, i] == np.inf:
                 image[j, i] = np.float32(0)
+
+
+# ------------------------------------------------------------------------------------- evidence
+
+
+@compiled
+def judge_matches(
+    matches: I32,
+    packed: F64,
+    reference: F32,
+    gradients: F32,
+    inlier: float,
+    min_dot: float,
+    residuals: F64,
+) -> tuple[int, int]:
+    """Spread the residuals of the matched samples over all, NaN where there is no match.
+
+    Returns how many lie below ``inlier`` px, and of these those whose gradient times that of
+    their match, a row of ``reference``, exceeds ``min_dot``.
+    """
+    least = np.float32(min_dot)
+    inliers, agreeing, k = 0, 0, 0
+    for i in range(matches.size):
+        edge = matches[i]
+        if edge < 0:
+            residuals[i] = np.nan
+            continue
+        residuals[i] = packed[k]
+        k += 1
+        if abs(residuals[i]) < inlier:
+            inliers += 1
+            along = reference[edge, 0] * gradients[i, 0]
+            if along + reference[edge, 1] * gradients[i, 1] > least:
+                agreeing += 1
+    return inliers, agreeing

@@ -234,7 +234,7 @@ class Registration:
         T, H = np.empty((4, 4)), np.zeros((6, 6))
         matches, packed = np.empty(n, np.int32), np.empty(n)
         history = np.empty((self._solver.max_iterations, kernels.HISTORY))
-        code, iterations, count, sigma, cost, on_planes, sigma_depth, balance = kernels.align(
+        code, iterations, _, sigma, cost, on_planes, sigma_depth, balance = kernels.align(
             reference.grid,
             samples.points(self._camera),
             samples.gradients,
@@ -255,19 +255,23 @@ class Registration:
             packed,
             history,
         )
-        residuals = np.full(n, np.nan)
-        residuals[matches >= 0] = packed[:count]
-        fits = np.zeros(n, np.bool_)
-        fits[matches >= 0] = np.abs(packed[:count]) < self._inlier_px
-        normals = reference.edges.gradients[matches[fits]]
-        cosines = np.einsum("ij,ij->i", normals, samples.gradients[fits])
+        residuals = np.empty(n)
+        inliers, agreeing = kernels.judge_matches(
+            matches,
+            packed,
+            reference.edges.gradients,
+            samples.gradients,
+            self._inlier_px,
+            AGREEING,
+            residuals,
+        )
         return Alignment(
             T_ref_cur=T,
             H=H,
             matches=matches,
             residuals=residuals,
-            inliers=int(np.count_nonzero(fits)),
-            agreeing=int(np.count_nonzero(cosines > AGREEING)),
+            inliers=inliers,
+            agreeing=agreeing,
             sigma_px=sigma,
             plane_points=on_planes,
             sigma_depth=sigma_depth,

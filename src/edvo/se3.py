@@ -31,6 +31,7 @@ from edvo.errors import TrajectoryError
 # Below this angle (radians) the two coefficients that cancel are summed as series of five terms,
 # whose first missing term is below 1e-14 of the sum; above it the closed forms lose two digits.
 _SMALL = 0.3
+_IDENTITY = np.eye(4)  # a copy takes a fifth of the time of making one
 
 
 def exp(xi: ArrayLike) -> NDArray[np.float64]:
@@ -46,7 +47,7 @@ def exp(xi: ArrayLike) -> NDArray[np.float64]:
     ndarray of float64, shape (4, 4)
         R = I + a W + b W^2 and t = (I + b W + c W^2) v with W = hat(w) (Rodrigues).
     """
-    v1, v2, v3, x, y, z = (float(value) for value in np.asarray(xi, dtype=np.float64))
+    v1, v2, v3, x, y, z = np.asarray(xi, dtype=np.float64).tolist()
     square = x * x + y * y + z * z
     angle = math.sqrt(square)
     a, b, c = _exp_coefficients(angle)
@@ -120,7 +121,7 @@ def inverse(T: ArrayLike) -> NDArray[np.float64]:
         R^T and -R^T t.
     """
     T = np.asarray(T, dtype=np.float64)
-    result = np.eye(4)
+    result = _IDENTITY.copy()
     result[:3, :3] = T[:3, :3].T
     result[:3, 3] = -(T[:3, :3].T @ T[:3, 3])
     return result

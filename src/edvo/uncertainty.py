@@ -223,7 +223,10 @@ def degenerate_directions(covariance: NDArray[np.float64]) -> NDArray[np.float64
         then what is both; along the camera's axes as far as can be.
     """
     scale = np.array([DEGENERATE_M] * 3 + [DEGENERATE_RAD] * 3)
-    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    scaled = covariance / np.outer(scale, scale)
+    if np.trace(scaled) < 1:  # as then is each eigenvalue, of which none is negative
+        return np.empty((0, 6))
+    values, vectors = np.linalg.eigh(scaled)
     loose = vectors[:, values > 1]
     if not loose.size:
         return np.empty((0, 6))

@@ -64,7 +64,6 @@ class Witness:
         ray = (ideal - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
         self._rays = np.column_stack([ray, np.ones(len(ray))])
         self._rows, self._cols = u.shape
-        self._ends = ends
         self._seen: deque[tuple[float, NDArray[np.float64], Surface]] = deque()
 
     def forget(self) -> None:
@@ -85,9 +84,9 @@ class Witness:
         """
         kept, near, far = np.empty((3, self._rows, self._cols), np.float32)
         kernels.surround(depth, STEP_PX, WINDOW // 2, kept, near, far)
-        z = kept[self._ends, self._ends].ravel()
-        measured = z > 0
-        return Surface(self._rays[measured] * z[measured, None], near, far)
+        points = np.empty_like(self._rays)
+        count = kernels.place_points(kept, POINTS_EVERY, self._rays, points)
+        return Surface(points[:count], near, far)
 
     def conflict(self, a: Surface, b: Surface, T_a_b: NDArray[np.float64]) -> float:
         """Say how much of two surfaces cannot be, if neither has moved.
