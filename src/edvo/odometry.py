@@ -256,10 +256,10 @@ class Odometry:
 
     def _repeats(self, frame: Frame) -> bool:
         """Whether an image is the very same as the last one, which no sensor's noise allows."""
-        sight = frame.grey[::SIGHT_STRIDE, ::SIGHT_STRIDE]
+        sight = frame.grey[::SIGHT_STRIDE, ::SIGHT_STRIDE].copy()  # packed, to be read thrice
         if np.array_equal(sight, self._sight) and sight.min() < sight.max():
             return True
-        self._sight, self._sight_time = sight.copy(), frame.timestamp
+        self._sight, self._sight_time = sight, frame.timestamp
         return False
 
     def _hold(self, timestamp: float) -> TrackedFrame:
