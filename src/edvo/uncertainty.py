@@ -23,6 +23,7 @@ from edvo.sensor import DEPTH_NOISE
 CELLS = 16  # across the image: 40 px at VGA
 DOUBT = 1.2  # times the blur of the normals is taken off what they seem to know
 PRIOR = np.ones(6)  # 1/m^2 and 1/rad^2: what nothing constrains is off by a metre or a radian
+_UNIT, _PRIOR = np.eye(6), np.diag(PRIOR)
 # A direction is degenerate where the pose may be off by 5 cm or 2 degrees: its 90 % interval.
 DEGENERATE_M, DEGENERATE_RAD = 0.05 / 1.645, np.radians(2.0) / 1.645
 AXES = ("x", "y", "z")
@@ -180,9 +181,9 @@ def combine(
         reference camera: T_true = exp([v, w]) T_ref_cur. Symmetric and positive definite. What
         nothing constrains has a standard deviation of 1 m or 1 rad, which says: unknown.
     """
-    floor = np.asarray(sigma_px, np.float64)[..., None, None] ** 4 * np.eye(6)
+    floor = np.asarray(sigma_px, np.float64)[..., None, None] ** 4 * _UNIT
     scatter = np.einsum("k,...kij->...ij", np.array(shares), parts) + floor
-    information = known @ np.linalg.solve(scatter, known) + np.diag(PRIOR)
+    information = known @ np.linalg.solve(scatter, known) + _PRIOR
     C: NDArray[np.float64] = np.linalg.inv(information).astype(np.float64, copy=False)
     return 0.5 * (C + np.swapaxes(C, -1, -2))
 
