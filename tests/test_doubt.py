@@ -1,0 +1,142 @@
+"""What makes a pose that seems to fit a doubtful one: foreign edges, and depth that jumps."""
+
+import cv2
+import numpy as np
+import pytest
+
+from edvo.config import Config
+from edvo.frame import Frame
+from edvo.odometry import Odometry, Status
+
+from . import problems
+
+CAMERA = problems.CAMERA
+PERIOD = 1 / 30
+NOT_ASKED = ["status.min_agreeing=0", "status.doubt_agreeing=0"]
+
+
+def dense(seed, size):
+    """A texture all over the image, of edges that are about so far apart."""
+    noise = np.random.default_rng(seed).normal(size=(CAMERA.height, CAMERA.width))
+    grey = cv2.GaussianBlur(noise, (0, 0), size)
+    grey = np.clip(128 + 50 * grey / grey.std(), 0, 255).astype(np.uint8)
+    return Frame(seed * PERIOD, grey, np.full(grey.shape, 2.0, np.float32))
+
+
+def second(first, then, *overrides, preset="default"):
+    odometry = Odometry(CAMERA, Config.preset(preset).with_overrides(overrides))
+    odometry.track(first)
+    return odometry.track(then)
+
+
+# ------------------------------------------------------------------------------- foreign images
+
+
+@pytest.mark.parametrize("size", [0.8, 1.6, 3.0])
+def test_dense_edges_of_another_place_fit_by_chance_and_are_lost(size):
+    believed = second(dense(0, size), dense(1, size), *NOT_ASKED)
+    assert believed.status is Status.TRACKED
+    assert believed.alignment.inliers > 0.65 * len(believed.alignment.matches)
+    result = second(dense(0, size), dense(1, size))
+    assert result.status is Status.LOST
+    assert "turned alike" in result.reason
+    assert result.alignment.agreeing < 0.4 * len(result.alignment.matches)
+
+
+@pytest.mark.parametrize("size", [0.8, 1.6, 3.0])
+def test_dense_edges_of_the_same_place_agree(size):
+    frame = dense(0, size)
+    # the same plane, seen from a little to the left
+    shift = np.float32([[1, 0, 2], [0, 1, 1]])
+    grey = cv2.warpAffine(frame.grey, shift, (320, 240), borderMode=cv2.BORDER_REFLECT)
+    result = second(frame, Frame(PERIOD, grey, frame.depth))
+    assert result.status is Status.TRACKED
+    assert result.alignment.agreeing > 0.8 * len(result.alignment.matches)
+
+
+def test_little_agreement_is_degraded():
+    frames, _ = problems.sequence(30)
+    result = second(frames[0], frames[1], "status.doubt_agreeing=1.0")
+    assert result.status is Status.DEGRADED
+    assert "turned alike" in result.reason
+    result = second(frames[0], frames[1], "status.min_agreeing=1.0")
+    assert result.status is Status.LOST
+
+
+def test_only_what_fits_can_agree():
+    frames, _ = problems.sequence(30)
+    odometry = Odometry(CAMERA)
+    for frame in frames[:10]:
+        alignment = odometry.track(frame).alignment
+        if alignment is not None:
+            assert 0 < alignment.agreeing <= alignment.inliers <= alignment.match_count
+
+
+def test_the_paper_does_not_ask_whether_edges_agree():
+    status = Config.preset("paper").status
+    assert status.min_agreeing == status.doubt_agreeing == 0
+    result = second(dense(0, 0.8), dense(1, 0.8), preset="paper")
+    assert result.status is not Status.LOST
+    assert "turned alike" not in result.reason
+
+
+# ------------------------------------------------------------------------------------ depth jump
+
+
+def measured(frame, bend=0.0):
+    """Depth with noise, bent as no rigid motion explains."""
+    v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
+    noise = np.random.default_rng(int(frame.timestamp * 1000)).normal(size=frame.depth.shape)
+    wave = 1 + bend * np.sin(u / 30) * np.sin(v / 30)
+    depth = frame.depth * wave * (1 + 0.0012 * frame.depth * noise)
+    return Frame(frame.timestamp, frame.grey, depth.astype(np.float32))
+
+
+def followed(bend, *overrides, usual=0.0, count=10):
+    """Frames as ever, then one whose depth is bent, then another as ever."""
+    frames, truth = problems.sequence(30)
+    odometry = Odometry(CAMERA, Config().with_overrides(["status.max_conflict=0", *overrides]))
+    before = [odometry.track(measured(frame, usual)) for frame in frames[:count]]
+    assert {result.status for result in before} == {Status.TRACKED}
+    bent = odometry.track(measured(frames[count], bend))
+    after = odometry.track(measured(frames[count + 1], usual))
+    assert problems.error(truth[count], bent.T_world_cam)[0] < 0.02
+    return bent, after
+
+
+@pytest.mark.parametrize("bend", [0.02, 0.05])
+def test_depth_that_jumps_is_degraded(bend):
+    bent, after = followed(bend)
+    assert bent.status is Status.DEGRADED
+    assert "depth is off" in bent.reason
+    assert "times the usual" in bent.reason
+    assert after.status is Status.TRACKED
+
+
+def test_a_jump_is_not_taken_for_the_usual():
+    frames, _ = problems.sequence(30)
+    odometry = Odometry(CAMERA, Config().with_overrides(["status.max_conflict=0"]))
+    for frame in frames[:5]:
+        odometry.track(measured(frame))
+    bent = [odometry.track(measured(frame, 0.03)) for frame in frames[5:15]]
+    assert {result.status for result in bent} == {Status.DEGRADED}
+
+
+def test_depth_that_is_mildly_worse_raises_no_doubt():
+    bent, _ = followed(0.006)
+    assert bent.status is Status.TRACKED
+
+
+def test_a_camera_whose_depth_is_always_bent_is_not_doubted_for_that():
+    bent, after = followed(0.02, usual=0.02)
+    assert bent.status is after.status is Status.TRACKED
+
+
+def test_how_far_depth_may_jump_is_told():
+    bent, _ = followed(0.02, "status.depth_jump=100")
+    assert bent.status is Status.TRACKED
+
+
+def test_the_first_frames_are_not_doubted():
+    bent, after = followed(0.03, count=1)
+    assert bent.status is after.status is Status.TRACKED
