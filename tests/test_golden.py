@@ -97,7 +97,9 @@ def test_large_motion_between_frames_may_lose_it_but_nothing_explodes(real_data,
     assert np.isfinite(poses).all()
     steps = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
     found = np.array([result.status is not Status.LOST for result in results])
-    assert steps[found[1:] & found[:-1]].max() < 2.0  # a hand moves 0.67 s
+    in_a_row = found[1:] & found[:-1]
+    assert in_a_row.sum() >= 8  # else this would show nothing
+    assert steps[in_a_row].max() < 2.0  # a hand moves 0.67 s
     truth = source.ground_truth
     start = np.linalg.inv(truth.at(frames[0].timestamp))
     for frame, result in zip(frames, results, strict=True):

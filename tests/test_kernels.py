@@ -5,6 +5,8 @@ import time
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from edvo import kernels, robust, se3
 from edvo.camera import Camera
@@ -71,8 +73,9 @@ def test_collect_edges(rng, shape, share):
     np.testing.assert_array_equal(index, expected)
 
 
+@pytest.mark.parametrize("finely", [False, True], ids=["pixel", "parabola"])
 @pytest.mark.parametrize("distorted", [False, True])
-def test_describe_edges(rng, distorted):
+def test_describe_edges(rng, distorted, finely):
     dx, dy = rng.integers(-1000, 1000, (2, 480, 640)).astype(np.int16)
     mask = rng.random((480, 640)) < 0.02
     mask[[0, 0, -1, -1], [0, -1, 0, -1]] = True
@@ -81,11 +84,31 @@ def test_describe_edges(rng, distorted):
     pixels, gradients = np.empty((2, len(index), 2), np.float32)
     _, (twin_pixels, twin_gradients) = both(
         "describe_edges",
-        lambda: kernels.describe_edges(index, dx, dy, table, pixels, gradients),
-        lambda: twins.describe_edges(index, dx, dy, table if distorted else None),
+        lambda: kernels.describe_edges(index, dx, dy, table, finely, pixels, gradients),
+        lambda: twins.describe_edges(index, dx, dy, table if distorted else None, finely),
     )
     np.testing.assert_allclose(pixels, twin_pixels, atol=1e-4)
     np.testing.assert_allclose(gradients, twin_gradients, atol=2e-4)
+    # else this would show nothing
+    assert (pixels % 1 != 0).any() == (finely or distorted)
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    shape=st.tuples(st.integers(1, 9), st.integers(1, 9)),
+    size=st.sampled_from([1, 2, 5, 100, 1020]),
+)
+def test_describe_edges_of_any_gradients(seed, shape, size):
+    """Small images, whose borders are most of them, and the largest gradients that there are."""
+    dx, dy = np.random.default_rng(seed).integers(-size, size + 1, (2, *shape)).astype(np.int16)
+    index = np.flatnonzero((dx != 0) | (dy != 0)).astype(np.int32)
+    pixels, gradients = np.empty((2, len(index), 2), np.float32)
+    none = np.empty((0, 0, 2), np.float32)
+    kernels.describe_edges(index, dx, dy, none, True, pixels, gradients)
+    expected, twin_gradients = twins.describe_edges(index, dx, dy, finely=True)
+    np.testing.assert_allclose(pixels, expected, atol=1e-5)
+    np.testing.assert_allclose(gradients, twin_gradients, atol=1e-5)
 
 
 @pytest.mark.parametrize("radius", [0, 1, 2, 5])

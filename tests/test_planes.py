@@ -275,8 +275,23 @@ def test_depth_steadies_what_edges_leave_open(panels):
     assert both < 0.002
     found = tracked[-1].alignment
     assert found.plane_points > 300
-    assert 0 < found.depth_balance < 1
     assert 0.1 < found.sigma_depth < 1.0
+    limits = Config().planes
+    edges_doubt = (limits.edge_doubt_px / found.sigma_px) ** 2
+    expected = limits.weight / (1 + found.sigma_depth / limits.doubt) * (1 + edges_doubt)
+    assert found.depth_balance == pytest.approx(expected, rel=0.1)  # of the last step but one
+
+
+def test_what_edges_err_by_together_is_what_depth_gains(panels):
+    """The better edges fit, the more it matters; without that doubt they never count less."""
+    source, frames = panels
+    balance = []
+    for doubt in (0.0, 0.4, 0.8):
+        config = Config().with_overrides([f"planes.edge_doubt_px={doubt}"])
+        odometry = Odometry(source.camera, config)
+        balance.append([odometry.track(frame) for frame in frames[:4]][-1].alignment)
+    assert 0 < balance[0].depth_balance < 1
+    assert balance[0].depth_balance < balance[1].depth_balance < balance[2].depth_balance
 
 
 def test_without_the_term_depth_counts_nothing(panels):

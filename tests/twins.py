@@ -22,12 +22,31 @@ def collect_edges(mask):
     return np.flatnonzero(mask).astype(np.int32)
 
 
-def describe_edges(index, dx, dy, table=None):
+def offset_of(dx, dy, u, v):
+    """From a pixel to its edge, (2,): the vertex of a parabola along the row or the column."""
+    height, width = dx.shape
+    if not (0 < u < width - 1 and 0 < v < height - 1):
+        return np.zeros(2)
+    g = np.array([dx[v, u], dy[v, u]], np.float64)
+    around = np.stack((dx, dy), axis=-1)[v - 1 : v + 2, u - 1 : u + 2].astype(np.float64) @ g
+    across = int(abs(g[1]) > abs(g[0]))
+    left, middle, right = around.sum(axis=across)
+    bend = left - 2 * middle + right
+    offset = np.zeros(2)
+    if bend < 0:
+        offset[across] = np.clip((left - right) / (2 * bend), -0.5, 0.5)
+    return offset
+
+
+def describe_edges(index, dx, dy, table=None, finely=False):
     """Ideal pixels and unit gradients; ``table`` (H, W, 2) or None for an ideal camera."""
     width = dx.shape[1]
     v, u = np.divmod(index.astype(np.int64), width)
     gradients = np.column_stack((dx[v, u], dy[v, u])).astype(np.float64)
     pixels = np.column_stack((u, v)).astype(np.float64)
+    offsets = np.zeros_like(pixels)
+    for k in range(len(index) if finely else 0):
+        offsets[k] = offset_of(dx, dy, u[k], v[k])
     if table is not None:
         table = table.astype(np.float64)
         pixels = table[v, u]
@@ -35,7 +54,8 @@ def describe_edges(index, dx, dy, table=None):
         # d ideal / d raw, rows the ideal axes; a gradient goes over by the inverse transpose
         jacobian = np.stack((by_u[v, u], by_v[v, u]), axis=-1)
         gradients = np.linalg.solve(jacobian.transpose(0, 2, 1), gradients[:, :, None])[:, :, 0]
-    return pixels, gradients / np.linalg.norm(gradients, axis=1, keepdims=True)
+        offsets = (jacobian @ offsets[:, :, None])[:, :, 0]
+    return pixels + offsets, gradients / np.linalg.norm(gradients, axis=1, keepdims=True)
 
 
 def depth_at(depth, u, v, radius, gap):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from edvo import TrackedFrame, se3
+from edvo import se3
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
 
 from . import stubs
@@ -19,8 +19,6 @@ B = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 @pytest.fixture
 def node(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     stubs.put_ros(monkeypatch)
-    if not hasattr(TrackedFrame, "covariance"):
-        monkeypatch.setattr(TrackedFrame, "covariance", None, raising=False)
     return stubs.load("ros2_node.py")
 
 
