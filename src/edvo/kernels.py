@@ -1,4 +1,4 @@
-"""The tracker's compiled inner loops, and nothing else.
+"""The tracker's compiled inner loops and that of registering depth to colour, and nothing else.
 
 Each public kernel has a plain NumPy twin in the module that uses it; a test holds the two equal.
 All of them live in this one module, since numba's cache does not see an edit in a callee of

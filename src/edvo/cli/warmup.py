@@ -5,7 +5,7 @@ import time
 from edvo.cli.terminal import say
 from edvo.config import Config
 from edvo.errors import OutputError
-from edvo.report.warmup import cache_folder, warm_up
+from edvo.report.warmup import cache_folder, warm_up, warm_up_reading
 
 
 def warmup() -> None:
@@ -18,4 +18,5 @@ def warmup() -> None:
     begin = time.perf_counter()
     for preset in ("default", "paper"):
         warm_up(Config.preset(preset))
+    warm_up_reading()
     say(f"compiled in {time.perf_counter() - begin:.1f} s, kept in {folder}")
