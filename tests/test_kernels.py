@@ -73,7 +73,7 @@ def test_collect_edges(rng, shape, share):
     np.testing.assert_array_equal(index, expected)
 
 
-@pytest.mark.parametrize("finely", [False, True], ids=["pixel", "parabola"])
+@pytest.mark.parametrize("finely", [False, True], ids=["pixel", "vertex"])
 @pytest.mark.parametrize("distorted", [False, True])
 def test_describe_edges(rng, distorted, finely):
     dx, dy = rng.integers(-1000, 1000, (2, 480, 640)).astype(np.int16)

@@ -99,7 +99,7 @@ def test_it_is_better_than_the_middle_of_the_pixel(extractor):
                 for angle in np.radians(ANGLES)
             ]
         )
-        for position in ("parabola", "pixel")
+        for position in ("vertex", "pixel")
     )
     assert np.std(coarse) > 0.2
     assert np.std(fine) < 0.2 * np.std(coarse)
@@ -115,7 +115,7 @@ def test_by_pixel_it_is_the_pixel():
 
 def test_the_paper_places_edges_by_pixel():
     positions = {name: Config.preset(name).edges.position for name in PRESETS}
-    assert positions == {"default": "parabola", "paper": "pixel"}
+    assert positions == {"default": "vertex", "paper": "pixel"}
 
 
 def test_at_the_border_an_edge_is_its_pixel():

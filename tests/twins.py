@@ -23,7 +23,7 @@ def collect_edges(mask):
 
 
 def offset_of(dx, dy, u, v):
-    """From a pixel to its edge, (2,): the vertex of a parabola along the row or the column."""
+    """From a pixel to its edge, (2,): the vertex of a Gaussian along the row or the column."""
     height, width = dx.shape
     if not (0 < u < width - 1 and 0 < v < height - 1):
         return np.zeros(2)
@@ -31,10 +31,10 @@ def offset_of(dx, dy, u, v):
     around = np.stack((dx, dy), axis=-1)[v - 1 : v + 2, u - 1 : u + 2].astype(np.float64) @ g
     across = int(abs(g[1]) > abs(g[0]))
     left, middle, right = around.sum(axis=across)
-    bend = left - 2 * middle + right
     offset = np.zeros(2)
-    if bend < 0:
-        offset[across] = np.clip((left - right) / (2 * bend), -0.5, 0.5)
+    if min(left, middle, right) > 0 and middle * middle > left * right:
+        left, middle, right = np.log([left, middle, right])
+        offset[across] = np.clip((left - right) / (2 * (left - 2 * middle + right)), -1, 1)
     return offset
 
 

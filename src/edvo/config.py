@@ -71,9 +71,9 @@ class EdgesConfig(Section):
         default=3.0,
         description="extractor dog: least step of the difference across a zero crossing, grey",
     )
-    position: Literal["parabola", "pixel"] = Field(
-        default="parabola",
-        description="where an edge lies: at the vertex of a parabola through three gradients, or "
+    position: Literal["vertex", "pixel"] = Field(
+        default="vertex",
+        description="where an edge lies: at the vertex of a Gaussian through three gradients, or "
         "in the middle of its pixel as in the paper",
     )
     depth_window_px: Annotated[int, Field(ge=1, le=15)] = Field(
@@ -292,7 +292,7 @@ class StatusConfig(Section):
         default=0.4,
         description="share of the samples that are inliers and whose gradient is that of their "
         "match, to 45 degrees, below which the frame is lost: where edges are dense, those of "
-        "another place fit too, but 18 % at most agree. Not in the paper",
+        "another place fit too, but a quarter at most agrees. Not in the paper",
     )
     doubt_agreeing: Fraction = Field(
         default=0.5, description="share below which a tracked frame is called degraded"
@@ -492,10 +492,9 @@ PRESETS: dict[str, dict[str, Any]] = {
         "planes": {"weight": 0.0},
         "motion": {"search_deg": 0.0},
         "keyframes": {"stored": 0},
-        "status": {"max_conflict": 0.0},
         "sampling": {"count": 450},
         "registration": {"weight": "t"},
-        "status": {"min_agreeing": 0.0, "doubt_agreeing": 0.0},
+        "status": {"max_conflict": 0.0, "min_agreeing": 0.0, "doubt_agreeing": 0.0},
     },
 }
 

@@ -193,7 +193,7 @@ def extract_edges(
     EXTRACTORS[config.extractor](smooth, config, buffers)
     index = np.empty(cv2.countNonZero(buffers.mask), np.int32)
     kernels.collect_edges(buffers.mask, index)
-    return EdgeImage(index, buffers.du, buffers.dv, config.position == "parabola")
+    return EdgeImage(index, buffers.du, buffers.dv, config.position == "vertex")
 
 
 def depth_at_edges(

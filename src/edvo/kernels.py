@@ -223,13 +223,18 @@ def collect_edges(mask: NDArray[np.uint8], index: I32) -> int:
 
 
 @compiled
-def vertex(before: np.float32, here: np.float32, after: np.float32) -> np.float32:
-    """Where the parabola through three neighbours is highest, at most half a step off."""
-    bend = before - 2 * here + after
-    if bend >= 0:
-        return np.float32(0)
-    at = (before - after) / (2 * bend)
-    return np.float32(min(max(at, -0.5), 0.5))
+def vertex(before: float, here: float, after: float) -> float:
+    """Where a Gaussian through three neighbours is highest, at most a step from the middle.
+
+    A parabola through their logarithms, that is: exact for a step that a Gaussian has blurred. A
+    whole step, since Canny takes the largest of three along a diagonal where an edge is oblique.
+    """
+    if min(before, here, after) <= 0:
+        return 0.0
+    bend = np.log(here * here / (before * after))
+    if bend <= 0:
+        return 0.0
+    return min(max(0.5 * np.log(after / before) / bend, -1.0), 1.0)
 
 
 @compiled
@@ -246,16 +251,16 @@ def describe_edges(
 
     ``table`` (H, W, 2) holds the ideal pixel of each raw one, or is empty for an ideal camera.
     If asked to do so ``finely``, an edge is moved along a row or a column, whichever lies nearer
-    to its gradient, to the vertex of the parabola through three gradients (Devernay 1995).
+    to its gradient, to the vertex of the Gaussian through three gradients (after Devernay 1995).
     """
     height, width = dx.shape
     for k in range(index.size):
         v = index[k] // width
         u = index[k] - v * width
         gu, gv = np.float32(dx[v, u]), np.float32(dy[v, u])
-        ou, ov = np.float32(0), np.float32(0)
+        ou, ov = 0.0, 0.0
         if finely and 0 < u < width - 1 and 0 < v < height - 1:
-            before, here, after = np.float32(0), np.float32(0), np.float32(0)
+            before, here, after = 0.0, 0.0, 0.0
             if abs(gu) >= abs(gv):
                 for j in range(v - 1, v + 2):
                     before += dx[j, u - 1] * gu + dy[j, u - 1] * gv

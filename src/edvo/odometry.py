@@ -29,7 +29,7 @@ __all__ = ["Odometry", "StageClock", "Status", "TrackedFrame"]
 logger = logging.getLogger(__name__)
 
 SEED_STRIDE = 1_000_003  # frames that seeds keep apart
-LONGEST_GAP_S = 1.0  # that a lost camera is expected to have gone on
+CRUISE_S, LONGEST_GAP_S = 0.5, 1.0  # over which it is; and a lost camera is expected to go on
 LONGEST_PREDICTION_S = 0.2  # beyond it a constant velocity says nothing about a hand
 SHORTEST_PERIOD_S = 1e-3  # closer stamps are no more than a clock's jitter
 RECOVERY_PERIOD_S = 0.15  # then it is held against the stored keyframes no more often than that
@@ -155,11 +155,13 @@ class Odometry:
         self._T_world_last = start  # of the last frame that was not lost
         self._T_key_last = np.eye(4)
         self._velocity = np.zeros(6)  # of the camera, in its own frame, 1/s
+        self._cruise = np.zeros(6)  # the same of the last half second, where it was tracked
         self._last_time: float | None = None
         self._last_recovery = -math.inf
         self._losses = 0  # frames in a row
         self._sight = np.empty((0, 0), np.uint8)  # of the last image
         self._sight_time = -math.inf
+        self._repeated = 0
         self._judge = Judge(self.config)
         self._search = Search(
             self.camera, self.config, self._registration, self._fitter, self._judge
@@ -259,13 +261,16 @@ class Odometry:
         sight = frame.grey[::SIGHT_STRIDE, ::SIGHT_STRIDE].copy()  # packed, to be read thrice
         if np.array_equal(sight, self._sight) and sight.min() < sight.max():
             return True
-        self._sight, self._sight_time = sight, frame.timestamp
+        self._sight, self._sight_time, self._repeated = sight, frame.timestamp, 0
         return False
 
     def _hold(self, timestamp: float) -> TrackedFrame:
         """Stay at the last pose while an image repeats, but not for long: the camera may move."""
+        self._repeated += 1
         age = timestamp - self._sight_time
-        if self._keyframe is None or self._losses or abs(age) > FREEZE_S:
+        if age < SHORTEST_PERIOD_S:  # stamps that stand still, or go back
+            age = self._repeated * NOMINAL_PERIOD_S
+        if self._keyframe is None or self._losses or age > FREEZE_S:
             reason = f"the same image for {age:.2f} s: the stream is frozen"
             return self._lose(timestamp, reason, 0, 0, None)
         reason = "the same image as before"
@@ -284,7 +289,11 @@ class Odometry:
         if abs(timestamp - self._last_recovery) >= RECOVERY_PERIOD_S:
             self._last_recovery = timestamp
             gap = self._period(timestamp)
-            expected = self._T_world_last @ self._ahead(timestamp, LONGEST_GAP_S)
+            on = min(gap, LONGEST_GAP_S)
+            expected = [
+                self._T_world_last @ se3.exp(velocity * on)
+                for velocity in (self._velocity, self._cruise)
+            ]
             recovered = self._search.everywhere(self._store, self._keyframe, seen, expected, gap)
             if recovered is not None:
                 self._keyframe, alignment = recovered
@@ -319,6 +328,7 @@ class Odometry:
         self._T_key_last = T_key_cur
         if status is Status.TRACKED:
             self._judge.note(alignment)
+            self._cruise += (self._velocity - self._cruise) * min(period / CRUISE_S, 1.0)
         self._T_world_last = keyframe.T_world_key @ T_key_cur
         with self._clock("uncertainty"):
             covariance = self._covariance(keyframe, seen, alignment)
@@ -424,11 +434,9 @@ class Odometry:
             return NOMINAL_PERIOD_S
         return timestamp - self._last_time
 
-    def _ahead(
-        self, timestamp: float, longest_s: float = LONGEST_PREDICTION_S
-    ) -> NDArray[np.float64]:
+    def _ahead(self, timestamp: float) -> NDArray[np.float64]:
         """Motion since the last pose, at constant velocity."""
-        return se3.exp(self._velocity * min(self._period(timestamp), longest_s))
+        return se3.exp(self._velocity * min(self._period(timestamp), LONGEST_PREDICTION_S))
 
     def _starts(self, timestamp: float) -> NDArray[np.float64]:
         """Poses to start from, relative to the keyframe."""

@@ -1,6 +1,7 @@
 """Looking farther afield: for a registration in doubt, and for a place known from before."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,9 +19,12 @@ from edvo.status import Judge, agreement
 
 STRIDE = 4  # a search takes one sample in so many
 LOOP_M, LOOP_RAD = 0.03, math.radians(1.5)  # that a frame found again may be off, both ways
-DRIFT_M, DRIFT_M_S = 0.1, 0.25  # how far from where it is expected a lost camera may well be
+DRIFT_M, DRIFT_M_S = 0.1, 0.5  # how far from where it is expected a lost camera may well be
 APART_M = 0.1  # poses nearer to each other are the same place
 RIVAL = 0.85  # of the best fit: a place that fits so well cannot be told from it
+RIVALS = 3  # that are followed at most
+
+Fit = tuple[float, NDArray[np.float64], Keyframe, Alignment]  # how well, T_world_cam, to what
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +62,7 @@ class Search:
         self._registration = registration
         self._fitter = fitter
         self._judge = judge
+        self._rivals: list[tuple[Keyframe, NDArray[np.float64]]] = []  # and T_key_cur of each
 
     def around(
         self,
@@ -109,7 +114,7 @@ class Search:
         store: KeyframeStore,
         last: Keyframe,
         seen: Seen,
-        T_world_cam: NDArray[np.float64],
+        expected: Sequence[NDArray[np.float64]],
         gap_s: float,
     ) -> tuple[Keyframe, Alignment] | None:
         """Find the keyframe that the frame of a lost camera fits, beyond doubt and both ways.
@@ -124,8 +129,8 @@ class Search:
         last : Keyframe
             That the camera was lost from.
         seen : Seen
-        T_world_cam : ndarray of float64, shape (4, 4)
-            Where the camera is expected.
+        expected : sequence of ndarray of float64, shape (4, 4)
+            Where the camera may be expected, T_world_cam.
         gap_s : float
             For how long it has been lost.
 
@@ -133,26 +138,34 @@ class Search:
         -------
         (Keyframe, Alignment) or None
         """
-        starts = [(last, se3.inverse(last.T_world_key) @ T_world_cam)]
+        starts = [(last, se3.inverse(last.T_world_key) @ T_world_cam) for T_world_cam in expected]
         likest = store.likest(seen.edges.view(), self._config.keyframes.tried)
         starts += [(key, np.eye(4)) for key in likest]
+        starts += self._rivals  # a doubt lasts until one of them no longer fits
         reach = DRIFT_M + DRIFT_M_S * gap_s
         farthest = self._config.motion.max_speed_m_s * gap_s
-        fits: list[tuple[float, NDArray[np.float64], Keyframe, Alignment]] = []
+        fits: list[Fit] = []
         for key, T_key_start in starts:
             found = self.around(key, T_key_start, seen)
             place = key.T_world_key @ found.T_ref_cur
-            away = _distance(T_world_cam, place)
+            away = min(_distance(T_world_cam, place) for T_world_cam in expected)
             if not self._judge.is_sure(found) or away > farthest:
                 continue
             fit = agreement(found, key.planes, seen.points)
             fits.append((fit * math.exp(-((away / reach) ** 2) / 2), place, key, found))
-        if not fits:
+        fits.sort(key=lambda candidate: -candidate[0])
+        places: list[Fit] = []
+        for candidate in fits:
+            if all(_distance(candidate[1], other[1]) > APART_M for other in places):
+                places.append(candidate)
+        if len(places) > 1 and places[1][0] > RIVAL * places[0][0]:
+            self._rivals = [(key, found.T_ref_cur) for _, _, key, found in places[:RIVALS]]
             return None
-        best, place, key, found = max(fits, key=lambda candidate: candidate[0])
-        if any(f > RIVAL * best and _distance(place, other) > APART_M for f, other, _, _ in fits):
-            return None
-        return (key, found) if self._fits_back(key, found, seen) else None
+        self._rivals = []
+        for _, _, key, found in places[:1]:
+            if self._fits_back(key, found, seen):
+                return key, found
+        return None
 
     def _fits_back(self, key: Keyframe, found: Alignment, seen: Seen) -> bool:
         """Whether the keyframe, registered with the frame, leads back to where it came from."""
