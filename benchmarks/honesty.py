@@ -1,6 +1,6 @@
 """Honest states: frames called tracked that are wrong, and good frames called lost.
 
-    python -m benchmarks.honesty [--data ../shared/data] [--only office,crowd] [--kinds none,arm]
+    python -m benchmarks.honesty [--data FOLDER] [--only office,crowd] [--kinds none,arm]
 
 takes the rendered scenes and the real sequences that there are, as they are and broken for a
 second, and prints for each how many frames say ``tracked`` and are wrong, and how many good ones

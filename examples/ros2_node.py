@@ -8,7 +8,8 @@
 
 Depth must be registered to colour (RealSense: align_depth.enable:=true). Parameters: odom_frame,
 base_frame, base_from_camera (x y z qx qy qz qw of the colour camera's optical frame in the base),
-publish_tf, rectified (images are image_rect, so that P of camera_info holds).
+publish_tf, rectified (images are image_rect, so that P of camera_info holds), sensor (whose depth
+noise it is: realsense_d435, kinect_v1, ..., as planes.sensor of edvo).
 
 A lost frame publishes nothing: a filter had better coast than be told something wrong.
 """
@@ -148,6 +149,8 @@ class EdvoNode(Node):
         self._T_base_cam = se3.from_quaternion(mounting[:3], mounting[3:])
         self._publish_tf = self.declare_parameter("publish_tf", True).value
         self._rectified = self.declare_parameter("rectified", False).value
+        sensor = self.declare_parameter("sensor", "realsense_d435").value
+        self._config = edvo.Config().with_overrides([f"planes.sensor={sensor}"])
         self._odometry: edvo.Odometry | None = None
         self._uncertainty = Uncertainty()
         self._last: Published | None = None
@@ -170,7 +173,7 @@ class EdvoNode(Node):
         """Track a pair of images and publish what came of it."""
         try:
             if self._odometry is None:
-                self._odometry = edvo.Odometry(self._camera(info))
+                self._odometry = edvo.Odometry(self._camera(info), self._config)
             tracked = self._odometry.track(frame_of(colour, depth))
         except edvo.EdvoError as error:
             self.get_logger().error(str(error), throttle_duration_sec=2.0)

@@ -10,6 +10,13 @@ def test_says_what_is_assumed(edvo: Command, whole_sequence: Path) -> None:
     assert "format: tum" in done.out
     assert "frames: 36" in done.out
     assert "depth scale 5000" in done.out.replace("_", " ")
+    (depth,) = (line for line in done.out.splitlines() if line.startswith("depth: "))
+    told = json.loads(edvo("info", whole_sequence, "--json").out)["checks"]["depth range"]
+    assert depth == (
+        f"depth: {told['nearest_m']:.3g} to {told['farthest_m']:.3g} m, half of it beyond "
+        f"{told['median_m']:.3g} m; {told['valid']:.1%} of the pixels have it"
+    )
+    assert 0 < told["nearest_m"] <= told["median_m"] <= told["farthest_m"]
     assert "warning" not in done.out
     assert "not checked: focal length: the camera turns too little" in done.out
 

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
+from edvo.config import Config
 from edvo.datasets import Reading, open_source
 from edvo.datasets.devices.replay import Replay
 from edvo.errors import DatasetError
@@ -30,6 +31,7 @@ class Fake:
     """A camera that gives its frames at once, and may fail."""
 
     format = "fake"
+    sensor = "realsense_d415"
     missed = 0
 
     def __init__(self, recording: Path, fails_after: int | None = None) -> None:
@@ -98,6 +100,32 @@ def test_a_camera_without_a_frame_writes_nothing(
     assert done.status == 1
     assert "unplugged" in done.err
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("given", "taken"),
+    [
+        ((), "realsense_d415"),
+        (("--set", "planes.sensor=azure_kinect"), "azure_kinect"),
+        (("--config", "mine.yaml"), "kinect_v1"),
+    ],
+)
+def test_depth_is_as_noisy_as_the_devices_unless_told_otherwise(
+    edvo: Command,
+    whole_sequence: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    given: tuple[str, ...],
+    taken: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("mine.yaml").write_text("planes: {weight: 0.5}\n")
+    device = Fake(whole_sequence)
+    monkeypatch.setattr("edvo.cli.live.open_device", lambda which, camera: device)
+    done = edvo("live", "fake", "-o", "out", "--max-frames", 1, *given)
+    assert done.status == 0, done.err
+    assert Config.load(Path("out/config.yaml")).planes.sensor == taken
+    assert ("realsense_d415" in done.err) == (taken == "realsense_d415")
 
 
 def test_a_covered_lens_is_no_success(edvo: Command, sequence: Path, tmp_path: Path) -> None:

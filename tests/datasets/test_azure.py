@@ -2,6 +2,7 @@
 
 import json
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from edvo.frame import register_depth
 
 from . import azure_files
 from .azure_files import calibration, write_azure
+from .layouts import FRAMES, RATE, recording, track, write_tum
 
 
 def wall(index: int, size: tuple[int, int] = (1280, 720)) -> Any:
@@ -114,6 +116,33 @@ def test_is_tracked(tmp_path: Path) -> None:
     assert np.isfinite(tracked.T_world_cam).all()
     # The images went 8 pixels a frame to the left.
     assert tracked.T_world_cam[0, 3] > 0.02
+
+
+def test_is_tracked_as_its_twin(tmp_path: Path) -> None:
+    """The same walk, recorded by the device and rendered as the frames' camera sees it."""
+    told = calibration()
+    for camera in told["CalibrationInformation"]["Cameras"]:
+        camera["Intrinsics"]["ModelParameters"][4:] = [0.0] * 10  # as the renderer's lenses
+    colour, (dx, dy, dfx, dfy) = lens_of_colour()[0], azure_files.DEPTH[:4]
+    seen = Camera(1280, 720, colour[0, 0], colour[1, 1], colour[0, 2], colour[1, 2])
+    depth = Camera(640, 576, dfx * 1024, dfy * 1024, dx * 1024 - 192.5, dy * 1024 - 180.5)
+    T_colour_depth = np.eye(4)
+    T_colour_depth[:3, :3] = np.array(azure_files.ROTATION).reshape(3, 3)
+    T_colour_depth[:3, 3] = azure_files.TRANSLATION
+    recorded = recording(seen, depth, tuple(T_colour_depth.ravel().tolist()))
+    shown = [
+        (index / RATE, recorded.colour[index], recorded.values(index, 1000))
+        for index in range(FRAMES)
+    ]
+    source = open_source(write_azure(tmp_path / "a.mkv", shown, told=told))
+    plain = replace(source.camera, name="")
+    twin = open_source(write_tum(tmp_path / "twin", recording(plain), scale=1000.0))
+    assert replace(twin.camera, name="") == plain
+    ours, theirs = track(source), track(twin)
+    np.testing.assert_allclose(ours.timestamps, theirs.timestamps, atol=1e-6)
+    # As far as images made smaller are others than those rendered small.
+    np.testing.assert_allclose(ours.poses, theirs.poses, atol=0.0015)
+    assert np.linalg.norm(theirs.poses[-1, :3, 3]) > 0.05
 
 
 @pytest.mark.parametrize("size", [(320, 288), (512, 512), (1024, 1024)])

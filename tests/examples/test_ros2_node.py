@@ -154,6 +154,22 @@ def test_the_base_may_be_elsewhere(
     assert tracker._broadcaster.sent == []
 
 
+@pytest.mark.parametrize(
+    ("given", "sensor"), [({}, "realsense_d435"), ({"sensor": "azure_kinect"}, "azure_kinect")]
+)
+def test_the_depth_camera_may_be_named(
+    node: dict[str, Any],
+    source: SyntheticSource,
+    monkeypatch: pytest.MonkeyPatch,
+    given: dict[str, str],
+    sensor: str,
+) -> None:
+    monkeypatch.setattr(stubs.Node, "given", given)
+    tracker = node["EdvoNode"]()
+    tracker.on_images(*messages(source, 0))
+    assert tracker._odometry.config.planes.sensor == sensor
+
+
 def test_pose_covariance_is_of_position_and_of_fixed_axes(node: dict[str, Any]) -> None:
     T = se3.exp(np.array([2.0, -1.0, 0.5, 0.3, -0.8, 0.4]))
     covariance = spread(1, 0.002)

@@ -9,6 +9,7 @@ from edvo.cli.recording import open_recording
 from edvo.cli.terminal import say
 from edvo.config import Config
 from edvo.datasets.inspection import examine
+from edvo.datasets.inspection.depth_range import DEPTH_RANGE
 
 
 def info(
@@ -38,10 +39,22 @@ def info(
     for key, value in described.items():
         say(f"{key.replace('_', ' ')}: {_text(value)}")
     for finding in findings:
+        if finding.check == DEPTH_RANGE:
+            say(f"depth: {_depth(finding.measured)}")
         if finding.undecided:
             say(f"not checked: {finding.check}: {finding.undecided}")
     for warning in warnings:
         say(f"warning: {warning}")
+
+
+def _depth(measured: dict[str, Any]) -> str:
+    nearest, median, farthest = (
+        measured[f"{which}_m"] for which in ("nearest", "median", "farthest")
+    )
+    return (
+        f"{nearest:.3g} to {farthest:.3g} m, half of it beyond {median:.3g} m; "
+        f"{measured['valid']:.1%} of the pixels have it"
+    )
 
 
 def _text(value: Any) -> str:

@@ -52,6 +52,9 @@ def live(
     config = configure(preset, config_file, overrides, seed)
     viewing = View(view, save_view)
     with closing(open_device(which, camera=camera)) as device:
+        if device.sensor is not None and not _names_sensor(config_file, overrides):
+            config = config.with_overrides([f"planes.sensor={device.sensor}"])
+            note(f"{device.name}: depth is taken to be as noisy as a {device.sensor}'s")
         folder = output_folder(out)
         cv2.setNumThreads(1)
         compile_now(config)
@@ -71,6 +74,13 @@ def live(
         raise DatasetError(f"{failure}; {folder} holds all that was tracked")
     if not done.track_times.size:
         raise DatasetError(f"no frame could be used; the first: {done.problems[0]}")
+
+
+def _names_sensor(config_file: Path | None, overrides: list[str]) -> bool:
+    """Say whether the user chose whose depth noise it is; the files that edvo writes name all."""
+    return config_file is not None or any(
+        each.partition("=")[0].strip() == "planes.sensor" for each in overrides
+    )
 
 
 def _track(

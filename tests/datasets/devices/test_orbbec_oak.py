@@ -218,6 +218,7 @@ def check(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
         assert reading.frame is not None
         assert np.abs(reading.frame.grey.astype(int) - GREY).max() <= 6
         np.testing.assert_allclose(reading.frame.depth, 1.5, rtol=1e-6)
+    assert device.sensor == "realsense_d435"
     assert device.camera.fx == 500.0
     assert device.camera_origin == "the device"
 

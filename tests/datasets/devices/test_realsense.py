@@ -97,6 +97,7 @@ def test_gives_aligned_frames_and_the_devices_camera(software: Software) -> None
     assert camera.name == "Fake D435 0123"
     assert str(camera.path) == "realsense:0123"
     assert (camera.camera.fx, camera.camera.cy) == pytest.approx((600.0, 241.25))
+    assert camera.sensor == "realsense_d435"
     assert camera.camera.is_distorted
     assert camera.camera_origin == "the device"
     thread = threading.Thread(target=software.play, kwargs={"frames": 90})

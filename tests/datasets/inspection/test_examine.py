@@ -155,7 +155,9 @@ def test_wrong_scale_without_truth_or_with_it(handheld: Remembered, factor: floa
     ("alter", "check", "word"),
     [
         (moved(4, 0), check_registration, "4 px right"),
-        (moved(0, -6), check_registration, "-6 px below"),
+        (moved(-5, 0), check_registration, "5 px left"),
+        (moved(0, 6), check_registration, "6 px below"),
+        (moved(0, -6), check_registration, "6 px above"),
         (of_another_camera, check_registration, "scaled by 0.77"),
         (darkened, check_darkness, "too dark"),
         (blurred, check_blur, "blurred"),

@@ -46,6 +46,11 @@ class Device(Protocol):
         ...
 
     @property
+    def sensor(self) -> str | None:
+        """Whose depth noise is its own, as `planes.sensor` names it; None where not known."""
+        ...
+
+    @property
     def missed(self) -> int:
         """Frames so far that never reached the program, as far as the driver tells."""
         ...

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from edvo.camera import Camera
+from edvo.datasets.devices.noise import noise_of
 from edvo.datasets.devices.package import load_package
 from edvo.datasets.devices.waiting import Counter, images_of
 from edvo.datasets.source import Reading
@@ -54,6 +55,7 @@ class Oak:
         try:
             device = sdk.Device(sdk.DeviceInfo(which)) if which else sdk.Device()
             self.name = f"OAK {device.getDeviceId()}"
+            self.sensor = noise_of("OAK")
             self.path = Path(f"oak:{device.getDeviceId()}")
             self._pipeline = sdk.Pipeline(device)
             self._queue = self._connect()

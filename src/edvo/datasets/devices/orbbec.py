@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edvo.camera import Camera
+from edvo.datasets.devices.noise import noise_of
 from edvo.datasets.devices.package import load_package
 from edvo.datasets.devices.waiting import WAIT_MS, Counter, images_of
 from edvo.datasets.images import decode_image
@@ -62,6 +63,7 @@ class Orbbec:
             )
             info = device.get_device_info()
             self.name = f"{info.get_name()} {info.get_serial_number()}"
+            self.sensor = noise_of(info.get_name())
             self.path = Path(f"orbbec:{info.get_serial_number()}")
             self._start(device, camera)
         except sdk.OBError as error:

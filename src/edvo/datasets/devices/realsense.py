@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from edvo.camera import Camera
+from edvo.datasets.devices.noise import noise_of
 from edvo.datasets.devices.package import load_package
 from edvo.datasets.devices.waiting import WAIT_MS, Counter, images_of
 from edvo.datasets.realsense_camera import realsense_camera
@@ -85,6 +86,7 @@ class RealSense:
             if device.supports(kind)
         ]
         self.name = " ".join(parts) or "RealSense"
+        self.sensor = noise_of(parts[0] if parts else "")
         self.path = Path("realsense" + (f":{parts[1]}" if len(parts) > 1 else ""))
         self._device = device  # its sensors live as long as it does
         self._closed = threading.Event()

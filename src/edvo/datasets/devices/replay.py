@@ -36,6 +36,7 @@ class Replay:
     """
 
     format = "replay"
+    sensor = None
 
     def __init__(
         self,

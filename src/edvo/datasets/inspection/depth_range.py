@@ -7,6 +7,7 @@ import numpy as np
 from edvo.datasets.inspection.finding import Finding
 from edvo.frame import Frame
 
+DEPTH_RANGE = "depth range"  # the name of the check, whose figures `edvo info` always shows
 # What depth cameras are used for; a wrong depth scale (1000 for 5000) mostly leads out of it.
 PLAUSIBLE_DEPTH_M = (0.25, 12.0)
 FEWEST_VALID = 0.1  # share of pixels with depth
@@ -46,4 +47,4 @@ def check_depth_range(frames: Sequence[Frame], depth_scale: float) -> Finding:
         "median_m": round(middle, 4),
         "farthest_m": round(most, 4),
     }
-    return Finding("depth range", tuple(warnings), measured=measured)
+    return Finding(DEPTH_RANGE, tuple(warnings), measured=measured)

@@ -96,8 +96,11 @@ def check_registration(frames: Sequence[Frame]) -> Finding:
         return Finding(name, measured=measured)
     if not offset.stable or offset.fit < BETTER * offset.fit_near:
         return Finding(name, undecided="edges leave the offset open", measured=measured)
+    # Where depth has to move, there it is not.
+    across = f"{abs(offset.right):.0f} px {'left' if offset.right > 0 else 'right'}"
+    down = f"{abs(offset.down):.0f} px {'above' if offset.down > 0 else 'below'}"
     warning = (
-        f"depth lies about {-offset.right:.0f} px right and {-offset.down:.0f} px below colour: "
+        f"depth lies about {across} and {down} colour: "
         "register depth to colour, and pair images of the same time"
     )
     return Finding(name, (warning,), measured=measured)
