@@ -32,9 +32,11 @@ def offset_of(dx, dy, u, v):
     across = int(abs(g[1]) > abs(g[0]))
     left, middle, right = around.sum(axis=across)
     offset = np.zeros(2)
-    if min(left, middle, right) > 0 and middle * middle > left * right:
+    if min(left, middle, right) > 0:
         left, middle, right = np.log([left, middle, right])
-        offset[across] = np.clip((left - right) / (2 * (left - 2 * middle + right)), -1, 1)
+    bend = left - 2 * middle + right
+    if bend < 0:
+        offset[across] = np.clip((left - right) / (2 * bend), -1, 1)
     return offset
 
 

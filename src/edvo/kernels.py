@@ -229,12 +229,12 @@ def vertex(before: float, here: float, after: float) -> float:
     A parabola through their logarithms, that is: exact for a step that a Gaussian has blurred. A
     whole step, since Canny takes the largest of three along a diagonal where an edge is oblique.
     """
-    if min(before, here, after) <= 0:
+    if before > 0 and here > 0 and after > 0:
+        before, here, after = np.log(before), np.log(here), np.log(after)
+    bend = before - 2 * here + after  # of the values themselves, where one is no gradient at all
+    if bend >= 0:
         return 0.0
-    bend = np.log(here * here / (before * after))
-    if bend <= 0:
-        return 0.0
-    return min(max(0.5 * np.log(after / before) / bend, -1.0), 1.0)
+    return min(max((before - after) / (2 * bend), -1.0), 1.0)
 
 
 @compiled

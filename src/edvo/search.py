@@ -21,7 +21,8 @@ STRIDE = 4  # a search takes one sample in so many
 LOOP_M, LOOP_RAD = 0.03, math.radians(1.5)  # that a frame found again may be off, both ways
 DRIFT_M, DRIFT_M_S = 0.1, 0.5  # how far from where it is expected a lost camera may well be
 APART_M = 0.1  # poses nearer to each other are the same place
-RIVAL = 0.85  # of the best fit: a place that fits so well cannot be told from it
+SHARPNESS = 4  # a little more agreement outweighs much of a way
+RIVAL = 0.6  # of the best fit: a place that fits so well cannot be told from it
 RIVALS = 3  # that are followed at most
 
 Fit = tuple[float, NDArray[np.float64], Keyframe, Alignment]  # how well, T_world_cam, to what
@@ -151,7 +152,7 @@ class Search:
             away = min(_distance(T_world_cam, place) for T_world_cam in expected)
             if not self._judge.is_sure(found) or away > farthest:
                 continue
-            fit = agreement(found, key.planes, seen.points)
+            fit = agreement(found, key.planes, seen.points) ** SHARPNESS
             fits.append((fit * math.exp(-((away / reach) ** 2) / 2), place, key, found))
         fits.sort(key=lambda candidate: -candidate[0])
         places: list[Fit] = []
