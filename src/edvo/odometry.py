@@ -162,6 +162,7 @@ class Odometry:
         self._sight = np.empty((0, 0), np.uint8)  # of the last image
         self._sight_time = -math.inf
         self._repeated = 0
+        self._sight_found = False  # whether that image has got a pose
         self._judge = Judge(self.config)
         self._search = Search(
             self.camera, self.config, self._registration, self._fitter, self._judge
@@ -261,7 +262,8 @@ class Odometry:
         sight = frame.grey[::SIGHT_STRIDE, ::SIGHT_STRIDE].copy()  # packed, to be read thrice
         if np.array_equal(sight, self._sight) and sight.min() < sight.max():
             return True
-        self._sight, self._sight_time, self._repeated = sight, frame.timestamp, 0
+        self._sight, self._sight_time = sight, frame.timestamp
+        self._repeated, self._sight_found = 0, False
         return False
 
     def _hold(self, timestamp: float) -> TrackedFrame:
@@ -270,7 +272,7 @@ class Odometry:
         age = timestamp - self._sight_time
         if age < SHORTEST_PERIOD_S:  # stamps that stand still, or go back
             age = self._repeated * NOMINAL_PERIOD_S
-        if self._keyframe is None or self._losses or age > FREEZE_S:
+        if self._keyframe is None or not self._sight_found or age > FREEZE_S:
             reason = f"the same image for {age:.2f} s: the stream is frozen"
             return self._lose(timestamp, reason, 0, 0, None)
         reason = "the same image as before"
@@ -372,6 +374,7 @@ class Odometry:
         if self._losses:
             logger.info("frame %d: found again", self._count)
         self._losses = 0
+        self._sight_found = True
         self._timestamps.append(timestamp)
         self._poses.append(self._T_world_last)
         self._count += 1

@@ -79,7 +79,8 @@ class EdgeDistanceAligner:
     ) -> None:
         self.name = "edge-dt"
         self._camera = replace(camera, distortion=NO_DISTORTION)
-        self._config = config or Config()
+        # a distance transform knows edges to the pixel: those held against it are taken so too
+        self._config = config or Config().with_overrides(["edges.position=pixel"])
         self._stages = stages
         self._pinhole = Pinhole(
             camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height

@@ -21,7 +21,15 @@ from edvo.sampling import sample_edges
 
 Pose = NDArray[np.float64]
 
-CONFIG = Config().with_overrides(["sampling.count=800"])
+# Its own, on which the bounds of the checks were measured: a better default shall not move them.
+CONFIG = Config().with_overrides(
+    [
+        "sampling.count=800",
+        "edges.position=pixel",
+        "planes.doubt=0.7",
+        "planes.edge_doubt_px=0",
+    ]
+)
 FIT = 0.65  # share of the edges that fit, with which a motion is believed
 TURN_DEG = 6.0  # between the turns that a registration starts from
 UNMATCHED_PX = 3.0  # what an edge counts at most
