@@ -126,7 +126,9 @@ def test_gives_aligned_frames_and_the_devices_camera(software: Software) -> None
 
 def test_is_tracked_and_counts_what_the_driver_dropped(software: Software) -> None:
     camera = RealSense(software.device)
-    thread = threading.Thread(target=software.play, kwargs={"skip": (4, 5, 6)})
+    # Again and again: on a busy machine the first images may pass before anybody listens.
+    skip = tuple(index for index in range(90) if index % 7 > 3)
+    thread = threading.Thread(target=software.play, kwargs={"skip": skip})
     thread.start()
     run, failure = track_device(camera, Odometry(camera.camera), max_frames=8)
     software.stop()
