@@ -14,6 +14,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -98,8 +99,10 @@ class Outcome:
 class _Recorder(Uncertainty):
     """Keeps what the last covariance was made of."""
 
-    def parts(self, *args, **kwargs):  # type: ignore[no-untyped-def]
-        found = super().parts(*args, **kwargs)
+    def parts(
+        self, *given: Any, **named: Any
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        found = super().parts(*given, **named)
         self.last = without_blur(*found[:2]), found[2]
         return found
 

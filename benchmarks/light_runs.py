@@ -27,7 +27,7 @@ from edvo.synthesis.relighting import Relighter
 from edvo.trajectory import Trajectory
 
 SEEDS = 3  # of edvo's sampling; the other methods draw nothing
-OPENCV = {"OpenCV RGB-D": "rgbd", "OpenCV RGB": "rgb"}  # to a keyframe, where both are better
+OPENCV = {"OpenCV RGB-D": "rgbd", "OpenCV RGB": "rgb"}  # to a keyframe, as edvo
 SYSTEMS = ("edvo default", "edvo paper", *OPENCV)
 
 

@@ -4,8 +4,13 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 ROOT = Path(__file__).resolve().parent.parent
+
+# How long an example takes is the machine's affair: compiling, or other work on it.
+settings.register_profile("edvo", deadline=None)
+settings.load_profile("edvo")
 
 
 @pytest.fixture(scope="session")

@@ -93,7 +93,7 @@ def test_describe_edges(rng, distorted, finely):
     assert (pixels % 1 != 0).any() == (finely or distorted)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(
     seed=st.integers(0, 2**32 - 1),
     shape=st.tuples(st.integers(1, 9), st.integers(1, 9)),

@@ -11,6 +11,7 @@ from edvo import Camera, Frame, Odometry
 from edvo.errors import FrameError
 from edvo.live import Latest, follow
 
+PATIENCE_S = 60  # of what comes at once, but for a busy machine
 CAMERA = Camera(width=64, height=48, fx=50.0, fy=50.0, cx=31.5, cy=23.5)
 
 
@@ -24,7 +25,7 @@ def test_all_come_in_order_where_there_is_time() -> None:
 
     def patient() -> Iterator[int]:
         for index in range(50):
-            assert taken.acquire(timeout=10)
+            assert taken.acquire(timeout=PATIENCE_S)
             yield index
 
     seen = []
@@ -44,14 +45,14 @@ def test_a_slow_taker_gets_the_newest_and_none_twice() -> None:
         for index in range(11):
             yield index
             if index == 0:
-                assert five_more.wait(10)
+                assert five_more.wait(PATIENCE_S)
             shown.release()
 
     with Latest(hasty()) as latest:
         assert next(latest) == 0
         five_more.set()
         for _ in range(11):  # the generator has gone on to its end
-            assert shown.acquire(timeout=10)
+            assert shown.acquire(timeout=PATIENCE_S)
         assert next(latest) == 10
         assert latest.dropped == 9
         with pytest.raises(StopIteration):
@@ -72,15 +73,17 @@ def test_what_the_camera_raises_comes_after_its_last_frame() -> None:
 
 
 def test_stop_ends_it_while_no_frame_comes() -> None:
-    end, stop = threading.Event(), threading.Event()
+    end, stop, ended = threading.Event(), threading.Event(), threading.Event()
 
     def silent() -> Iterator[int]:
-        end.wait(10)
+        end.wait(PATIENCE_S)
+        ended.set()
         yield from ()
 
     with Latest(silent(), stop.is_set) as latest:
         threading.Timer(0.2, stop.set).start()
         assert list(latest) == []
+        assert not ended.is_set()
         end.set()
 
 
@@ -95,11 +98,13 @@ def test_closing_ends_the_thread_and_the_generator() -> None:
         finally:
             closed.set()
 
-    before = threading.active_count()
+    before = set(threading.enumerate())
     with Latest(endless()) as latest:
+        (thread,) = (t for t in set(threading.enumerate()) - before if t.name == "edvo-live")
         next(latest)
-    assert closed.wait(10)
-    assert threading.active_count() == before
+    assert closed.wait(PATIENCE_S)
+    thread.join(PATIENCE_S)
+    assert not thread.is_alive()
 
 
 def test_follow_tracks_and_counts() -> None:

@@ -104,7 +104,7 @@ def arrange(kind, rng, n):
 KINDS = ("uniform", "clustered", "row", "column", "duplicates", "lattice")
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(
     seed=st.integers(0, 2**32 - 1),
     kind=st.sampled_from(KINDS),
@@ -134,7 +134,7 @@ angle = st.floats(0, 6.25, width=32)
 places = st.lists(st.tuples(coordinate, coordinate, angle), min_size=1, max_size=12)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(edges=places, queries=places, gamma=st.floats(0, 3), reach=st.floats(0.1, 2000))
 def test_any_few_edges(edges, queries, gamma, reach):
     edges, queries = np.array(edges, np.float32), np.array(queries, np.float32)

@@ -28,7 +28,7 @@ def test_student_scale_is_the_most_likely(nu, seed):
     assert robust.student_scale(residuals, nu) == pytest.approx(sigma, rel=5e-3)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(factor=st.floats(1e-3, 1e3), seed=st.integers(0, 1000))
 def test_scales_go_with_the_residuals(factor, seed):
     residuals = np.random.default_rng(seed).standard_t(2, 200)

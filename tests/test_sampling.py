@@ -47,7 +47,7 @@ def cell_of(index, cell):
     return v // cell * -(-CAMERA.width // cell) + u // cell
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     scene=st.integers(0, 5),
     seed=st.integers(0, 2**40),

@@ -76,7 +76,7 @@ def test_no_offset_between_pixels_is_favoured(offset):
     assert np.sqrt(np.mean(found**2)) < 0.05
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(
     angle=st.floats(0, 2 * np.pi),
     offset=st.floats(-3, 3),

@@ -18,7 +18,7 @@ def line(count=5, start=10.0):
 
 
 @given(st.lists(twists, min_size=1, max_size=6), st.floats(0.0, 2e9))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_a_file_gives_the_same_poses_back(tmp_path_factory, pose_twists, start):
     poses = np.array([se3.exp(np.array(twist)) for twist in pose_twists])
     times = start + 0.033 * np.arange(len(poses))

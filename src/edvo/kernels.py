@@ -27,6 +27,7 @@ SLACK = 1e-3  # px; keeps cell bounds safe against rounding
 FIRST_REACH = 8.0  # px; window of a query that has no hint
 MARGIN = 1.0  # px; how far a window looks past what it needs, so that its answer lasts longer
 MIN_DEPTH = 0.05  # m; what is nearer after the warp has no usable projection
+TAN_22_5 = np.sqrt(2.0) - 1.0  # half of the angle between four directions
 PIVOT = 1e-12  # smallest Cholesky pivot, relative to the diagonal
 
 SIGNED, DISTANCE = 0, 1  # residual: Eq. (12), or Eq. (5)
@@ -309,10 +310,10 @@ def summarise_view(
         gu, gv = np.float64(dx[v, u]), np.float64(dy[v, u])
         if gv < 0:
             gu, gv = -gu, -gv
-        if gu > abs(gv) * 0.4142:
-            bin_of = 0 if gv < gu * 0.4142 else 1
-        elif -gu > abs(gv) * 0.4142:
-            bin_of = 0 if gv < -gu * 0.4142 else 3
+        if gu > abs(gv) * TAN_22_5:
+            bin_of = 0 if gv < gu * TAN_22_5 else 1
+        elif -gu > abs(gv) * TAN_22_5:
+            bin_of = 0 if gv < -gu * TAN_22_5 else 3
         else:
             bin_of = 2
         cell = (v * rows // height) * cols + u * cols // width
@@ -1114,6 +1115,23 @@ def warp_and_match(
 
 
 @compiled
+def write_row(au: float, av: float, aw: float, px: float, py: float, pz: float, row: F64) -> None:
+    """Write the derivative [a, Y x a] of a . Y by a left perturbation [v, w] of Y's pose."""
+    row[0], row[1], row[2] = au, av, aw
+    row[3] = py * aw - pz * av
+    row[4] = pz * au - px * aw
+    row[5] = px * av - py * au
+
+
+@compiled
+def mirror_lower(M: F64) -> None:
+    """Copy what is below the diagonal to above it."""
+    for m in range(M.shape[0]):
+        for n in range(m):
+            M[n, m] = M[m, n]
+
+
+@compiled
 def normal_equations(
     camera: Pinhole,
     solver: Solver,
@@ -1143,10 +1161,7 @@ def normal_equations(
         au = matches.normal[i, 0] * camera.fx / pz
         av = matches.normal[i, 1] * camera.fy / pz
         aw = -(au * px + av * py) / pz
-        J[0], J[1], J[2] = au, av, aw
-        J[3] = py * aw - pz * av
-        J[4] = pz * au - px * aw
-        J[5] = px * av - py * au
+        write_row(au, av, aw, px, py, pz, J)
         w = robust_weight(r * r * inverse, solver.weight, solver.tuning)
         total += w
         for m in range(6):
@@ -1154,9 +1169,7 @@ def normal_equations(
             b[m] += wj * r
             for n in range(m + 1):
                 H[m, n] += wj * J[n]
-    for m in range(6):
-        for n in range(m):
-            H[n, m] = H[m, n]
+    mirror_lower(H)
     return total
 
 
@@ -1174,19 +1187,14 @@ def plane_equations(matches: PlaneMatches, count: int, sigma: float, H: F64, b: 
         r = matches.residuals[i]
         px, py, pz = matches.Y[i, 0], matches.Y[i, 1], matches.Y[i, 2]
         au, av, aw = matches.normal[i, 0], matches.normal[i, 1], matches.normal[i, 2]
-        J[0], J[1], J[2] = au, av, aw
-        J[3] = py * aw - pz * av
-        J[4] = pz * au - px * aw
-        J[5] = px * av - py * au
+        write_row(au, av, aw, px, py, pz, J)
         w = robust_weight(r * r * inverse, TUKEY, TUKEY_TUNING)
         for m in range(6):
             wj = w * J[m]
             b[m] += wj * r
             for n in range(m + 1):
                 H[m, n] += wj * J[n]
-    for m in range(6):
-        for n in range(m):
-            H[n, m] = H[m, n]
+    mirror_lower(H)
 
 
 @compiled
@@ -1500,18 +1508,14 @@ def score_parts(
             nu, nv = (du / r, dv / r) if r > 0 else (np.float64(0), np.float64(0))
         au, av = nu * camera.fx / pz, nv * camera.fy / pz
         aw = -(au * px + av * py) / pz
-        J[0], J[1], J[2] = au, av, aw
-        J[3] = py * aw - pz * av
-        J[4] = pz * au - px * aw
-        J[5] = px * av - py * au
+        write_row(au, av, aw, px, py, pz, J)
         w = robust_weight(r * r * inverse, solver.weight, solver.tuning)
         gu = cosine * gradients[i, 0] - sine * gradients[i, 1]
         gv = sine * gradients[i, 0] + cosine * gradients[i, 1]
         side = 1.0 if gu * nu + gv * nv >= 0 else -1.0
         bu, bv = (nu - side * gu) * camera.fx / pz, (nv - side * gv) * camera.fy / pz
         bw = -(bu * px + bv * py) / pz
-        D[0], D[1], D[2] = bu, bv, bw
-        D[3], D[4], D[5] = py * bw - pz * bv, pz * bu - px * bw, px * bv - py * bu
+        write_row(bu, bv, bw, px, py, pz, D)
         by_depth = noise[i] / z * (au * qx + av * qy + aw * qz)  # px
         col = min(max(int(u / cell), 0), cols - 1)
         c = min(max(int(v / cell), 0) * cols + col, count - 1)
@@ -1532,10 +1536,7 @@ def score_parts(
             r = matches.residuals[i]
             px, py, pz = matches.Y[i, 0], matches.Y[i, 1], matches.Y[i, 2]
             au, av, aw = matches.normal[i, 0], matches.normal[i, 1], matches.normal[i, 2]
-            J[0], J[1], J[2] = au, av, aw
-            J[3] = py * aw - pz * av
-            J[4] = pz * au - px * aw
-            J[5] = px * av - py * au
+            write_row(au, av, aw, px, py, pz, J)
             w = scale * robust_weight(r * r * inverse, TUKEY, TUKEY_TUNING)
             k = matches.point[i]
             x, y, z = surface.normals[k, 0], surface.normals[k, 1], surface.normals[k, 2]
@@ -1543,8 +1544,7 @@ def score_parts(
             bu = au - size * (T[0, 0] * x + T[0, 1] * y + T[0, 2] * z)
             bv = av - size * (T[1, 0] * x + T[1, 1] * y + T[1, 2] * z)
             bw = aw - size * (T[2, 0] * x + T[2, 1] * y + T[2, 2] * z)
-            D[0], D[1], D[2] = bu, bv, bw
-            D[3], D[4], D[5] = py * bw - pz * bv, pz * bu - px * bw, px * bv - py * bu
+            write_row(bu, bv, bw, px, py, pz, D)
             col = min(max(int((camera.fx * px / pz + camera.cx) / cell), 0), cols - 1)
             row = max(int((camera.fy * py / pz + camera.cy) / cell), 0)
             c = min(row * cols + col, count - 1)
@@ -1558,12 +1558,10 @@ def score_parts(
     add_outer(flat, parts[1])
     add_outer(nearer, parts[2])
     add_outer(total, parts[3])
-    for m in range(6):
-        for n in range(m):
-            H[n, m] = H[m, n]
-            blur[n, m] = blur[m, n]
-            for part in range(4):
-                parts[part, n, m] = parts[part, m, n]
+    mirror_lower(H)
+    mirror_lower(blur)
+    for part in range(4):
+        mirror_lower(parts[part])
 
 
 # -------------------------------------------------------------------------------------- witness

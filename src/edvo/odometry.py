@@ -2,7 +2,7 @@
 
 import logging
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +29,9 @@ __all__ = ["Odometry", "StageClock", "Status", "TrackedFrame"]
 logger = logging.getLogger(__name__)
 
 SEED_STRIDE = 1_000_003  # frames that seeds keep apart
-CRUISE_S, LONGEST_GAP_S = 0.5, 1.0  # over which it is; and a lost camera is expected to go on
 LONGEST_PREDICTION_S = 0.2  # beyond it a constant velocity says nothing about a hand
+CRUISE_S = 0.5  # that the velocity is averaged over which a lost camera is expected to keep
+LONGEST_GAP_S = 1.0  # for so long
 SHORTEST_PERIOD_S = 1e-3  # closer stamps are no more than a clock's jitter
 RECOVERY_PERIOD_S = 0.15  # then it is held against the stored keyframes no more often than that
 # Lost for longer, by time and by frames, a frame may show any place that was seen before.
@@ -341,7 +342,7 @@ class Odometry:
         due = is_due(self.config.keyframes, T_key_cur, share, self._count - keyframe.index)
         if due:
             self._set_keyframe(seen)
-        tracked = self._keep(
+        return self._keep(
             timestamp,
             status,
             reason,
@@ -350,8 +351,9 @@ class Odometry:
             is_keyframe=due,
             seen=seen,
             alignment=alignment,
+            covariance=covariance,
+            degenerate=degenerate,
         )
-        return replace(tracked, covariance=covariance, degenerate=degenerate)
 
     def _covariance(self, key: Keyframe, seen: Seen, alignment: Alignment) -> NDArray[np.float64]:
         """Of the motion found."""
@@ -370,7 +372,10 @@ class Odometry:
         is_keyframe: bool = False,
         seen: Seen | None = None,
         alignment: Alignment | None = None,
+        covariance: NDArray[np.float64] | None = None,
+        degenerate: tuple[str, ...] = (),
     ) -> TrackedFrame:
+        """Note the pose, now of the last frame that was not lost."""
         if self._losses:
             logger.info("frame %d: found again", self._count)
         self._losses = 0
@@ -390,6 +395,8 @@ class Odometry:
             edges=len(seen.edges) if seen else 0,
             samples=len(seen.samples) if seen else 0,
             alignment=alignment,
+            covariance=covariance,
+            degenerate=degenerate,
         )
 
     def _lose(

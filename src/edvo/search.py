@@ -93,7 +93,8 @@ class Search:
         """
         few, points = seen.samples.every(STRIDE), seen.points
         angle = math.radians(self._config.motion.search_deg)
-        best, most = None, 0.0 if found is None else agreement(found, key.planes, points)
+        already = 0.0 if found is None else agreement(found, key.planes, points)
+        best, most = None, already
         for yaw in (-2, -1, 0, 1, 2):
             for pitch in (-1, 0, 1):
                 turn = se3.exp(np.array([0.0, 0.0, 0.0, pitch * angle, yaw * angle, 0.0]))
@@ -104,9 +105,7 @@ class Search:
         if best is None and found is not None:
             return found
         again = self._register(key, seen.samples, points, T_key_start if best is None else best)
-        if found is not None and agreement(again, key.planes, points) <= agreement(
-            found, key.planes, points
-        ):
+        if found is not None and agreement(again, key.planes, points) <= already:
             return found  # what few samples promised, all of them do not keep
         return again
 
@@ -163,10 +162,10 @@ class Search:
             self._rivals = [(key, found.T_ref_cur) for _, _, key, found in places[:RIVALS]]
             return None
         self._rivals = []
-        for _, _, key, found in places[:1]:
-            if self._fits_back(key, found, seen):
-                return key, found
-        return None
+        if not places:
+            return None
+        _, _, key, found = places[0]
+        return (key, found) if self._fits_back(key, found, seen) else None
 
     def _fits_back(self, key: Keyframe, found: Alignment, seen: Seen) -> bool:
         """Whether the keyframe, registered with the frame, leads back to where it came from."""

@@ -3,11 +3,12 @@
 import enum
 import math
 
+from edvo import kernels
 from edvo.config import Config
 from edvo.planes import PlaneMap, PlanePoints
-from edvo.registration import Alignment
+from edvo.registration import REASONS, Alignment
 
-FAILURES = ("too few matches", "edges do not constrain the motion")
+FAILURES = (REASONS[kernels.TOO_FEW], REASONS[kernels.SINGULAR])
 MILD_SIGMA = 1.5  # times the sensor's noise, up to which depth raises no doubt
 FADING = 0.97  # a frame, of the worst fit of depth seen of late
 AGREEING_SIGMA = 3.0  # times the sensor's noise, at which depth agrees half

@@ -26,6 +26,7 @@ PRIOR = np.ones(6)  # 1/m^2 and 1/rad^2: what nothing constrains is off by a met
 _UNIT, _PRIOR = np.eye(6), np.diag(PRIOR)
 # A direction is degenerate where the pose may be off by 5 cm or 2 degrees: its 90 % interval.
 DEGENERATE_M, DEGENERATE_RAD = 0.05 / 1.645, np.radians(2.0) / 1.645
+_BOUNDS = np.array([DEGENERATE_M] * 3 + [DEGENERATE_RAD] * 3)
 AXES = ("x", "y", "z")
 PURE = 0.1  # share of the smaller part below which a motion is a translation or a rotation alone
 AXIAL = np.cos(np.radians(15.0))  # a direction nearer to an axis is named by that
@@ -223,8 +224,7 @@ def degenerate_directions(covariance: NDArray[np.float64]) -> NDArray[np.float64
         or 1.2 degrees (a 90 % interval of 5 cm or 2 degrees): translations first, then rotations,
         then what is both; along the camera's axes as far as can be.
     """
-    scale = np.array([DEGENERATE_M] * 3 + [DEGENERATE_RAD] * 3)
-    scaled = covariance / np.outer(scale, scale)
+    scaled = covariance / np.outer(_BOUNDS, _BOUNDS)
     if np.trace(scaled) < 1:  # as then is each eigenvalue, of which none is negative
         return np.empty((0, 6))
     values, vectors = np.linalg.eigh(scaled)
@@ -244,7 +244,7 @@ def degenerate_directions(covariance: NDArray[np.float64]) -> NDArray[np.float64
         loose = loose @ mix[sizes >= PURE].T
         if not loose.size:
             break
-    found += list((loose * scale[:, None]).T)
+    found += list((loose * _BOUNDS[:, None]).T)
     return np.array(found)
 
 
@@ -280,8 +280,7 @@ def describe(direction: NDArray[np.float64]) -> str:
     >>> describe(np.array([0, 0.03, 0, 0.02, 0, 0]))
     'translation along y with rotation about x'
     """
-    scale = np.array([DEGENERATE_M] * 3 + [DEGENERATE_RAD] * 3)
-    v, w = np.split(np.asarray(direction, np.float64) / scale, 2)
+    v, w = np.split(np.asarray(direction, np.float64) / _BOUNDS, 2)
     size = float(np.hypot(np.linalg.norm(v), np.linalg.norm(w)))
     words = []
     if np.linalg.norm(v) > PURE * size:

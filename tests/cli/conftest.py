@@ -1,6 +1,10 @@
 """A command line to call, and a small recording to call it on."""
 
+import csv
 import errno
+import os
+import signal
+import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -56,6 +60,87 @@ def edvo(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) ->
         return Outcome(status, captured.out, captured.err)
 
     return command
+
+
+# Says that it is in the middle, and waits there for a signal, however long that takes.
+HALT = """
+import os, signal
+from contextlib import contextmanager
+from edvo.cli import compare, live, main, run
+
+reader, writer = os.pipe()
+os.set_blocking(writer, False)
+signal.set_wakeup_fd(writer)
+
+def halt():
+    print("in the middle", flush=True)
+    os.read(reader, 1)
+
+@contextmanager
+def progress(what, total):
+    count = 0
+    def advance():
+        nonlocal count
+        count += 1
+        if count == {steps}:
+            halt()
+    yield advance
+
+{change}
+main()
+"""
+
+
+def interrupted(
+    change: str, *arguments: object, steps: int = 0, how: signal.Signals = signal.SIGINT
+) -> Outcome:
+    """Run a command in a process of its own, and interrupt it where a change of it calls `halt`.
+
+    `progress`, put in the place of a command's own, does so after that many steps.
+    """
+    code = HALT.format(steps=steps, change=change)
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "in the middle\n"
+    os.killpg(process.pid, how)
+    out, errors = process.communicate(timeout=300)
+    return Outcome(process.returncode, out, errors)
+
+
+@contextmanager
+def interrupting(what: str, total: int) -> Iterator[Callable[[], None]]:
+    """Stand in for a command's `progress`, and press Ctrl-C at the seventh step."""
+    steps = iter(range(total))
+
+    def advance() -> None:
+        if next(steps) == 6:
+            signal.raise_signal(signal.SIGINT)
+
+    yield advance
+
+
+def rows(folder: Path) -> list[dict[str, str]]:
+    """Read the frames.csv of a run."""
+    with (folder / "frames.csv").open() as stream:
+        return list(csv.DictReader(stream))
+
+
+def images_of(file: Path) -> int:
+    """Count the images in a recording of the viewer's."""
+    import rerun
+
+    chunks = rerun.chunk.RrdReader(str(file)).stream().to_chunks()
+    return sum(
+        chunk.num_rows
+        for chunk in chunks
+        if chunk.entity_path == "/world/camera/image" and not chunk.is_static
+    )
 
 
 def stamp(index: int) -> str:

@@ -1,6 +1,5 @@
 """Each line of bad input that users meet, through the command itself."""
 
-import csv
 import json
 import shutil
 from pathlib import Path
@@ -11,17 +10,15 @@ import pytest
 
 from edvo.trajectory import Trajectory
 
-from .conftest import CAMERA, HEIGHT, WIDTH, Command, Outcome, stamp
+from .conftest import CAMERA, HEIGHT, WIDTH, Command, Outcome, rows, stamp
 
 
 def statuses(folder: Path) -> dict[str, str]:
-    with (folder / "frames.csv").open() as stream:
-        return {row["timestamp"]: row["status"] for row in csv.DictReader(stream)}
+    return {row["timestamp"]: row["status"] for row in rows(folder)}
 
 
 def reasons(folder: Path) -> dict[str, str]:
-    with (folder / "frames.csv").open() as stream:
-        return {row["timestamp"]: row["reason"] for row in csv.DictReader(stream)}
+    return {row["timestamp"]: row["reason"] for row in rows(folder)}
 
 
 def assert_one_line(done: Outcome, *named: str) -> None:

@@ -1,4 +1,3 @@
-import csv
 import json
 import re
 from pathlib import Path
@@ -9,15 +8,10 @@ import yaml
 
 from edvo.trajectory import Trajectory
 
-from .conftest import Command, position, stamp
+from .conftest import Command, position, rows, stamp
 
 COLUMNS = {"timestamp", "status", "iterations", "matches", "inliers", "sigma_px", "track_ms"}
 POSE = ["tx", "ty", "tz", "qx", "qy", "qz", "qw"]
-
-
-def rows(folder: Path) -> list[dict[str, str]]:
-    with (folder / "frames.csv").open() as stream:
-        return list(csv.DictReader(stream))
 
 
 def test_writes_all_that_was_promised(edvo: Command, whole_sequence: Path, tmp_path: Path) -> None:

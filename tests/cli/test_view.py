@@ -1,16 +1,13 @@
 """`edvo run --save-view` and `--view` as from a shell."""
 
-import signal
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
 from edvo.cli import run as run_module
 
-from .conftest import Command, full_disk
+from .conftest import Command, full_disk, images_of, interrupting
 
 RESULTS = {"trajectory.txt", "frames.csv", "summary.json", "config.yaml"}
 
@@ -19,16 +16,6 @@ RESULTS = {"trajectory.txt", "frames.csv", "summary.json", "config.yaml"}
 def rerun() -> object:
     return pytest.importorskip(
         "rerun", reason="rerun-sdk is not installed: pip install 'edvo[view]'"
-    )
-
-
-def images(rerun: object, file: Path) -> int:
-    """Count the images in a recording."""
-    chunks = rerun.chunk.RrdReader(str(file)).stream().to_chunks()  # type: ignore[attr-defined]
-    return sum(
-        chunk.num_rows
-        for chunk in chunks
-        if chunk.entity_path == "/world/camera/image" and not chunk.is_static
     )
 
 
@@ -41,7 +28,7 @@ def test_file_beside_the_results(
     assert done.status == 0, done.err
     assert f"wrote {shown / 'run.rrd'}" in done.out
     assert {file.name for file in shown.iterdir()} == RESULTS | {"run.rrd"}
-    assert images(rerun, shown / "run.rrd") == 36
+    assert images_of(shown / "run.rrd") == 36
     trajectories = [(folder / "trajectory.txt").read_bytes() for folder in (plain, shown)]
     assert trajectories[0] == trajectories[1]
 
@@ -54,7 +41,7 @@ def test_beside_report_and_unreadable_frames(
     done = edvo("run", sequence, "-o", tmp_path / "out", "--report", "--save-view", file)
     assert done.status == 0, done.err
     assert "depth/7.png" in done.err
-    assert images(rerun, file) == 35
+    assert images_of(file) == 35
     assert (tmp_path / "out" / "report.html").exists()
 
 
@@ -65,21 +52,11 @@ def test_interrupted(
     rerun: object,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    @contextmanager
-    def interrupting(what: str, total: int) -> Iterator[object]:
-        calls = iter(range(total))
-
-        def advance() -> None:
-            if next(calls) == 6:
-                signal.raise_signal(signal.SIGINT)
-
-        yield advance
-
     monkeypatch.setattr(run_module, "progress", interrupting)
     file = tmp_path / "run.rrd"
     done = edvo("run", whole_sequence, "-o", tmp_path / "out", "--save-view", file)
     assert done.status == 130
-    assert images(rerun, file) == 7
+    assert images_of(file) == 7
 
 
 def test_full_disk_leaves_the_results(
@@ -107,7 +84,7 @@ def test_dropped_images_are_counted(
     done = edvo("run", whole_sequence, "-o", tmp_path / "out", "--save-view", file)
     assert done.status == 0, done.err
     assert "left out the images of 36 of 36 frames" in done.err
-    assert images(rerun, file) == 0
+    assert images_of(file) == 0
 
 
 @pytest.mark.parametrize("options", [("--view",), ("--save-view", "a.rrd")])

@@ -1,8 +1,8 @@
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
+from threading import Event
 
 import pytest
 
@@ -42,9 +42,17 @@ def test_says_so_only_if_it_takes_a_while(
 ) -> None:
     monkeypatch.setattr(compiling, "cache_folder", lambda: folder)
     monkeypatch.setattr(compiling, "warm_up", lambda config: None)
+    monkeypatch.setattr(compiling, "_PATIENCE_S", 60.0)
     compiling.compile_now(Config())
     assert capsys.readouterr().err == ""
+    note, noted = compiling.note, Event()
+
+    def say(message: str) -> None:
+        note(message)
+        noted.set()
+
+    monkeypatch.setattr(compiling, "note", say)
     monkeypatch.setattr(compiling, "_PATIENCE_S", 0.0)
-    monkeypatch.setattr(compiling, "warm_up", lambda config: time.sleep(0.2))
+    monkeypatch.setattr(compiling, "warm_up", lambda config: noted.wait(60))
     compiling.compile_now(Config())
     assert told in capsys.readouterr().err

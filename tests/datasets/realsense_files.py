@@ -117,43 +117,72 @@ def write_new(path: Path, device: Device, images: Images) -> Path:
     import pyrealsense2 as rs
 
     software = rs.software_device()
-    sensors = [software.add_sensor(name) for name in ("Stereo Module", "RGB Camera")]
-    kinds = ((rs.stream.depth, rs.format.z16, 2), (rs.stream.color, rs.format.rgb8, 3))
-    profiles = []
-    for number, (camera, model, coefficients) in enumerate(device.streams()):
-        stream = rs.video_stream()
-        stream.type, stream.fmt, stream.bpp = kinds[number]
-        stream.index, stream.uid, stream.fps = 0, number + 1, 30
-        stream.width, stream.height = camera.width, camera.height
-        stream.intrinsics = intrinsics(camera, model, coefficients)
-        profiles.append(sensors[number].add_video_stream(stream))
-    sensors[0].add_read_only_option(rs.option.depth_units, device.units)
-    place = rs.extrinsics()
-    place.rotation = device.T_colour_depth[:3, :3].T.ravel().tolist()
-    place.translation = device.T_colour_depth[:3, 3].tolist()
-    profiles[0].register_extrinsics_to(profiles[1], place)
+    streams = add_streams(software, device)
     recorder = rs.recorder(str(path), software)
     recording = recorder.query_sensors()
-    for sensor, profile in zip(recording, profiles, strict=True):
-        sensor.open(profile)
+    for sensor, stream in zip(recording, streams, strict=True):
+        sensor.open(stream.profile)
         sensor.start(lambda frame: None)
     for index, (seconds, colour, depth) in enumerate(images):
-        for number, shown in enumerate((depth, colour)):
-            frame = rs.software_video_frame()
-            frame.pixels = np.ascontiguousarray(shown)
-            frame.bpp = kinds[number][2]
-            frame.stride = shown.shape[1] * frame.bpp
-            frame.timestamp, frame.frame_number = 1000 * seconds, index
-            frame.domain = rs.timestamp_domain.system_time
-            frame.profile = profiles[number].as_video_stream_profile()
-            if number == 0:
-                frame.depth_units = device.units
-            sensors[number].on_video_frame(frame)
+        for stream, shown in zip(streams, (depth, colour), strict=True):
+            stream.send(shown, index, seconds)
         time.sleep(0.03)  # the recorder writes in a thread and drops what it is too slow for
     for sensor in recording:
         sensor.stop()
         sensor.close()
     return path
+
+
+@dataclass
+class Stream:
+    """A stream of the SDK's software device; `units` are metres, of depth alone."""
+
+    sensor: Any
+    profile: Any
+    units: float | None
+
+    def send(self, shown: NDArray[Any], index: int, seconds: float) -> None:
+        """Show an image."""
+        import pyrealsense2 as rs
+
+        frame = rs.software_video_frame()
+        frame.pixels = np.ascontiguousarray(shown)
+        frame.bpp = 3 if self.units is None else 2
+        frame.stride = shown.shape[1] * frame.bpp
+        frame.timestamp, frame.frame_number = 1000 * seconds, index
+        frame.domain = rs.timestamp_domain.system_time
+        frame.profile = self.profile.as_video_stream_profile()
+        if self.units is not None:
+            frame.depth_units = self.units
+        self.sensor.on_video_frame(frame)
+
+
+def add_streams(software: Any, device: Device, *, colour: bool = True) -> list[Stream]:
+    """Give the SDK's software device a sensor for depth, and one for colour."""
+    import pyrealsense2 as rs
+
+    kinds = (
+        ("Stereo Module", rs.stream.depth, rs.format.z16, 2),
+        ("RGB Camera", rs.stream.color, rs.format.rgb8, 3),
+    )
+    made = []
+    for number, told in enumerate(device.streams()[: 1 + colour]):
+        name, *kind = kinds[number]
+        sensor, stream = software.add_sensor(name), rs.video_stream()
+        stream.type, stream.fmt, stream.bpp = kind
+        stream.index, stream.uid, stream.fps = 0, number + 1, 30
+        stream.width, stream.height = told[0].width, told[0].height
+        stream.intrinsics = intrinsics(*told)
+        made.append(
+            Stream(sensor, sensor.add_video_stream(stream), None if number else device.units)
+        )
+    made[0].sensor.add_read_only_option(rs.option.depth_units, device.units)
+    if colour:
+        place = rs.extrinsics()
+        place.rotation = device.T_colour_depth[:3, :3].T.ravel().tolist()
+        place.translation = device.T_colour_depth[:3, 3].tolist()
+        made[0].profile.register_extrinsics_to(made[1].profile, place)
+    return made
 
 
 def intrinsics(camera: Camera, model: str, coefficients: Sequence[float]) -> Any:

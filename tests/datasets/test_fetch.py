@@ -29,11 +29,8 @@ OFFICE = find("icl/of_kt1n")
 
 @pytest.fixture
 def server(monkeypatch):
-    for name in ("http_proxy", "https_proxy", "all_proxy", "no_proxy"):
-        monkeypatch.delenv(name, raising=False)
-        monkeypatch.delenv(name.upper(), raising=False)
     monkeypatch.setattr("time.sleep", lambda seconds: None)
-    with web.serving() as server:
+    with web.serving(monkeypatch) as server:
         yield server
 
 

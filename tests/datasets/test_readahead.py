@@ -59,7 +59,7 @@ def test_it_reads_no_further_ahead_than_asked():
 
 
 def test_closing_stops_the_threads_and_what_was_not_begun():
-    source = Slow(delay=lambda index: 0.01)
+    source = Slow(delay=lambda index: 0.5 if index else 0.0)  # 20 would take five seconds
     stream = read_ahead(source, range(50), workers=2, ahead=20)
     next(stream)
     stream.close()

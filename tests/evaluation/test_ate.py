@@ -16,7 +16,7 @@ from edvo.trajectory import Trajectory
     jitter=st.sampled_from([0.0, 0.015]),
     limit=st.sampled_from([0.003, 0.02, 0.05]),
 )
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_it_equals_the_plain_loop(script, make_pair, as_dict, seed, true_rate, jitter, limit):
     reference, estimate = make_pair(seed, seconds=2.0, true_rate=true_rate, jitter=jitter, drop=0.1)
     truth, estimated = as_dict(reference), as_dict(estimate)
@@ -32,7 +32,7 @@ def test_it_equals_the_plain_loop(script, make_pair, as_dict, seed, true_rate, j
 
 
 @given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_the_alignment_is_found_again(seed):
     rng = np.random.default_rng(seed)
     T = se3.exp(rng.normal(size=6))

@@ -19,7 +19,7 @@ from edvo.trajectory import Trajectory
     jitter=st.sampled_from([0.0, 0.01]),
     formula=st.sampled_from(["script", "sturm"]),
 )
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_it_equals_the_plain_loop(
     script, make_pair, as_dict, seed, delta, drop, true_rate, jitter, formula
 ):
@@ -40,7 +40,7 @@ def test_it_equals_the_plain_loop(
 
 
 @given(seed=st.integers(0, 2**32 - 1), delta=st.integers(1, 40))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_it_equals_the_plain_loop_in_frames(script, make_pair, as_dict, seed, delta):
     reference, estimate = make_pair(seed, drop=0.2)
     rows = script.evaluate_rpe(as_dict(reference), as_dict(estimate), delta, unit="f")

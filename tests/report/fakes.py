@@ -112,4 +112,16 @@ class FakeTracker:
         return TrackedFrame(timestamp, 0, status, "", pose, np.eye(4), 0, False, 0, 0, None)
 
 
+class FakeTime:
+    """Stands in for the module `time` of who measures: it passes only where it is told to."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def perf_counter(self) -> float:
+        return self.now
+
+    process_time = perf_counter
+
+
 REFUSED = FrameError("of another size")

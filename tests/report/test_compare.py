@@ -10,12 +10,13 @@ import pytest
 from edvo.camera import Camera
 from edvo.errors import MissingExtraError
 from edvo.evaluation import evaluate
+from edvo.report import compare_run
 from edvo.report.compare import Comparison, System, compare_source
 from edvo.report.compare_rank import _speed, ordinal, summary_verdicts, times, verdicts
 from edvo.report.compare_rule import failed, judge, middle
 from edvo.trajectory import Trajectory
 
-from .fakes import FakeSource, FakeTracker, path, place
+from .fakes import FakeSource, FakeTime, FakeTracker, path, place
 
 Make = Callable[[Camera, int], FakeTracker]
 
@@ -24,15 +25,27 @@ def system(name: str, make: Make, *, repeats: int = 1, kind: str = "baseline") -
     return System(name, name, kind, make, repeats)  # type: ignore[arg-type]
 
 
-def scaled(name: str, scale: float, *, kind: str = "baseline", wait: float = 0.0) -> System:
+def scaled(name: str, scale: float, *, kind: str = "baseline") -> System:
     """Make one whose error is known: 0.3 m/s times what the scale differs from 1."""
-    import time
+    return system(name, lambda camera, seed: FakeTracker(scale), kind=kind)
 
-    return system(
-        name,
-        lambda camera, seed: FakeTracker(scale, on_track=lambda index: time.sleep(wait)),
-        kind=kind,
-    )
+
+Taking = Callable[..., System]
+
+
+@pytest.fixture
+def taking(monkeypatch: pytest.MonkeyPatch) -> Taking:
+    """Make one that takes so many seconds for a frame."""
+    clock = FakeTime()
+    monkeypatch.setattr(compare_run, "time", clock)
+
+    def make(name: str, seconds: float, *, kind: str = "baseline") -> System:
+        def work(index: int) -> None:
+            clock.now += seconds
+
+        return system(name, lambda camera, seed: FakeTracker(0.9, on_track=work), kind=kind)
+
+    return make
 
 
 def compared(*systems: System, **options: object) -> Comparison:
@@ -103,24 +116,24 @@ def test_edvo_fails_by_the_same_rule() -> None:
     assert "edvo-default: failed (diverged" in verdicts(comparison)[0]
 
 
-def test_speed_is_said_as_a_ratio() -> None:
+def test_speed_is_said_as_a_ratio(taking: Taking) -> None:
     comparison = compared(
-        scaled("edvo-default", 0.9, kind="edvo", wait=0.01),
-        scaled("slow", 0.9, wait=0.05),
+        taking("edvo-default", 0.01, kind="edvo"),
+        taking("slow", 0.05),
         source=FakeSource(15),
     )
     slow = comparison.row("slow")
     assert slow is not None
-    assert 3.5 < comparison.time_ratio(slow) < 6
-    assert "faster than slow" in verdicts(comparison)[0]
+    assert comparison.time_ratio(slow) == pytest.approx(5)
+    assert "5.0x faster than slow" in verdicts(comparison)[0]
     assert [times(9.94), times(9.96), times(14.4), times(1.25)] == ["9.9x", "10x", "14x", "1.2x"]
 
 
 @pytest.mark.parametrize(("frames", "known"), [(2, False), (3, True)])
-def test_no_ratio_of_times_below_three_frames(frames: int, known: bool) -> None:
+def test_no_ratio_of_times_below_three_frames(taking: Taking, frames: int, known: bool) -> None:
     comparison = compared(
-        scaled("edvo-default", 0.9, kind="edvo"),
-        scaled("slow", 0.9, wait=0.005),
+        taking("edvo-default", 0.001, kind="edvo"),
+        taking("slow", 0.005),
         source=FakeSource(frames),
     )
     slow = comparison.row("slow")
@@ -137,18 +150,17 @@ def test_processor_time_is_said_where_it_differs() -> None:
     assert _speed("peer", 0.5, 1.0) == "2.0x slower than peer (by processor time as fast)"
 
 
-def test_of_many_only_the_quickest_and_the_slowest_are_named() -> None:
+def test_of_many_only_the_quickest_and_the_slowest_are_named(taking: Taking) -> None:
     comparison = compared(
-        scaled("edvo-default", 0.9, kind="edvo", wait=0.004),
-        scaled("quick", 0.9),
-        *(scaled(f"slow{i}", 0.9, wait=0.004 * i) for i in range(2, 8)),
+        taking("edvo-default", 0.004, kind="edvo"),
+        taking("quick", 0.001),
+        *(taking(f"slow{i}", 0.004 * i) for i in range(2, 8)),
         source=FakeSource(12),
     )
     line = verdicts(comparison)[0]
     assert "slower than quick" in line
     assert "faster than the other 6" in line
-    assert "(slow2) to " in line
-    assert "(slow7)" in line
+    assert "2.0x (slow2) to 7.0x (slow7)" in line
     assert "slow4" not in line
 
 

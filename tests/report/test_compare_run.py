@@ -71,7 +71,7 @@ def test_frames_chosen_come_in_order_whatever_the_chunk() -> None:
 
 def test_only_the_call_is_timed() -> None:
     def dawdle(index: int) -> None:
-        time.sleep(0.02)
+        time.sleep(0.05)
 
     slow, quick = follow_together(
         FakeSource(6),
@@ -79,9 +79,9 @@ def test_only_the_call_is_timed() -> None:
         indices=range(6),
         chunk=2,
     )
-    assert min(slow.wall_s) >= 0.02
-    assert np.median(slow.cpu_s) < 0.02  # who sleeps takes no processor time
-    assert np.median(quick.wall_s) < 0.02
+    assert min(slow.wall_s) >= 0.05
+    assert np.median(slow.cpu_s) < 0.05  # who sleeps takes no processor time
+    assert np.median(quick.wall_s) < 0.05
     assert len(slow.wall_s) == len(quick.cpu_s) == 6
 
 

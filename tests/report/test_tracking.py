@@ -108,6 +108,21 @@ def test_trajectory_holds_what_may_be_trusted() -> None:
     assert trajectory.poses[2, 0, 3] == 4.0
 
 
+def test_stamps_that_repeat_or_go_back_cost_no_run() -> None:
+    """A camera's clock may do so; what was tracked is known all the same."""
+
+    class Resetting(Still):
+        def read(self, index: int) -> Reading:
+            time = (0.0, 0.1, 0.1, 0.2, 0.05)[index]
+            return replace(super().read(index), stamp=f"{time:.2f}", timestamp=time)
+
+    run = track_source(cast(Source, Resetting(5)), Scripted())
+    assert stamps(run.frames) == ["0.00", "0.10", "0.10", "0.20", "0.05"]
+    trajectory = run.trajectory()
+    assert trajectory.stamps == ("0.00", "0.05", "0.10", "0.20")
+    assert trajectory.poses[:, 0, 3].tolist() == [1.0, 5.0, 2.0, 4.0]
+
+
 def test_stops_when_asked_with_what_there_is() -> None:
     tracker = Scripted()
     run = track_source(source(), tracker, stop=lambda: len(tracker.calls) == 4)

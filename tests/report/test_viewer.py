@@ -34,6 +34,7 @@ from edvo.trajectory import Trajectory
 CAMERA = Camera(width=320, height=240, fx=260.0, fy=260.0, cx=159.5, cy=119.5)
 DEPTH_M = 2.0
 FRAMES = 25
+PATIENCE_S = 60  # of what comes at once, but for a busy machine
 GREY = np.zeros((CAMERA.height, CAMERA.width), np.uint8)
 BLANK = Frame(0.0, GREY, np.full(GREY.shape, DEPTH_M, np.float32))
 EMPTY = Odometry(CAMERA).skip(0.0, "")
@@ -53,8 +54,13 @@ class Slow:
 
     def draw(self, shot: Shot) -> None:
         self.begun.set()
-        self.may.wait(10)
+        assert self.may.wait(PATIENCE_S)
         self.drawn.append(shot)
+
+    def hold(self, backlog: Backlog) -> None:
+        """Hand in a first frame, and wait until it is being drawn."""
+        backlog.put(shot(0))
+        assert self.begun.wait(PATIENCE_S)
 
 
 def indices(shots: list[Shot], *, pictures: bool) -> list[int]:
@@ -64,8 +70,7 @@ def indices(shots: list[Shot], *, pictures: bool) -> list[int]:
 def test_who_is_slow_gets_all_numbers_and_some_pictures() -> None:
     slow = Slow()
     backlog = Backlog(slow.draw, most_pictures=3)
-    backlog.put(shot(0))
-    slow.begun.wait(10)
+    slow.hold(backlog)
     for index in range(1, 10):
         backlog.put(shot(index, keyframe=index == 7))
     slow.may.set()
@@ -79,8 +84,7 @@ def test_who_is_slow_gets_all_numbers_and_some_pictures() -> None:
 def test_keyframes_do_not_push_out_keyframes() -> None:
     slow = Slow()
     backlog = Backlog(slow.draw, most_pictures=2)
-    backlog.put(shot(0))
-    slow.begun.wait(10)
+    slow.hold(backlog)
     for index in range(1, 6):
         backlog.put(shot(index, keyframe=True))
     slow.may.set()
@@ -92,8 +96,7 @@ def test_numbers_are_bounded_too(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(viewer_backlog, "MOST_SHOTS", 5)
     slow = Slow()
     backlog = Backlog(slow.draw, most_pictures=1)
-    backlog.put(shot(0))
-    slow.begun.wait(10)
+    slow.hold(backlog)
     for index in range(1, 10):
         backlog.put(shot(index))
     slow.may.set()
@@ -461,6 +464,8 @@ def test_no_display(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_window_that_does_not_open(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("rerun", reason="rerun-sdk is not installed")
+    monkeypatch.setattr(viewer_outputs, "OPENING_S", PATIENCE_S)
+    monkeypatch.setattr(viewer_outputs, "SETTLING_S", PATIENCE_S)
     monkeypatch.setenv("DISPLAY", ":7777")
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(OutputError, match=r"does not open a window \(.+\); use --save-view") as no:

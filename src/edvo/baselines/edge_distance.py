@@ -1,8 +1,8 @@
 """Edges registered by their distance transform: what the paper argues against.
 
-Edges, depth and sub-sampling are edvo's own, so that a comparison shows what the matching and the
-residual are worth: here the nearest edge whatever its direction, looked up in a distance image,
-and the unsigned distance to it.
+Edges at whole pixels, their depth and sub-sampling are edvo's own, so that a comparison shows what
+the matching and the residual are worth: here the nearest edge whatever its direction, looked up in
+a distance image, and the unsigned distance to it.
 
 References
 ----------
@@ -30,9 +30,8 @@ from edvo.sampling import sample_edges
 FINE = Robust(nu=2.0, floor=1e-3, min_rows=30, max_iterations=50, stop=0.03)
 WIDE = replace(FINE, floor=2.0, stop=0.1)  # px; far edges pull first, as in a coarse image
 MIN_GAIN = 0.45  # share of inliers beyond what chance gives, over what it leaves to gain
-KEYFRAMES = KeyframeRule(
-    0.30, 15.0
-)  # edvo's own; better on two of three sequences than 0.10 m, 8 deg
+# edvo's own; better on two of three sequences than 0.10 m, 8 deg
+KEYFRAMES = KeyframeRule(0.30, 15.0)
 NO_DISTORTION = (0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -66,7 +65,8 @@ class EdgeDistanceAligner:
     camera : Camera
         Its pinhole part; frames must be free of distortion.
     config : Config, optional
-        Edges, sub-sampling and the share of inliers; edvo's own where not given.
+        Edges, sub-sampling and what counts as an inlier; edvo's own where not given. Edges lie in
+        the middle of their pixels whatever it says: a distance transform knows them no better.
     stages : tuple of Robust
         Weights and stopping, residuals in pixels; each starts where the one before ends.
     """
@@ -79,8 +79,7 @@ class EdgeDistanceAligner:
     ) -> None:
         self.name = "edge-dt"
         self._camera = replace(camera, distortion=NO_DISTORTION)
-        # a distance transform knows edges to the pixel: those held against it are taken so too
-        self._config = config or Config().with_overrides(["edges.position=pixel"])
+        self._config = (config or Config()).with_overrides(["edges.position=pixel"])
         self._stages = stages
         self._pinhole = Pinhole(
             camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height

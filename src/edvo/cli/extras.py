@@ -109,13 +109,14 @@ class Extras:
     def _export(self, run: Run, indices: Sequence[int], folder: Path) -> list[str]:
         from edvo.export.registry import Material, export
 
-        posed = [
-            index
-            for index, record in zip(indices, run.frames, strict=False)
-            if record.status is not Status.LOST
-        ]
-        if not posed:
+        trajectory = run.trajectory()
+        if not len(trajectory):
             note("warning: no frame has a pose: nothing to export")
             return []
-        material = Material(run.source, posed, run.trajectory(), self._map.points())
+        index_at: dict[float, int] = {}
+        for index, record in zip(indices, run.frames, strict=False):
+            if record.status is not Status.LOST:
+                index_at.setdefault(record.timestamp, index)
+        posed = [index_at[time] for time in trajectory.timestamps.tolist()]
+        material = Material(run.source, posed, trajectory, self._map.points())
         return export(self._exports, material, folder)

@@ -281,10 +281,15 @@ def _gaps(grid: Grid) -> list[int]:
     return sorted({gap for _, _, gap in grid})
 
 
+def _large_gaps(grid: Grid) -> list[int]:
+    return [gap for gap in _gaps(grid) if gap >= LARGE] or _gaps(grid)[-1:]
+
+
 def _large(grid: Grid) -> dict[str, float]:
     """Mean drift over the large gaps at which not both criteria fail, m/s, by criterion."""
-    gaps = [gap for gap in _gaps(grid) if gap >= LARGE] or _gaps(grid)[-1:]
-    cells = [[grid["tracked", criterion, gap] for criterion in CRITERIA] for gap in gaps]
+    cells = [
+        [grid["tracked", criterion, gap] for criterion in CRITERIA] for gap in _large_gaps(grid)
+    ]
     judged = [pair for pair in cells if not all(cell.failures for cell in pair)] or cells
     drifts = np.mean([[cell.drift for cell in pair] for pair in judged], axis=0)
     return dict(zip(CRITERIA, drifts.tolist(), strict=True))
@@ -331,8 +336,7 @@ def _judge_gap(grids: dict[str, Grid]) -> Finding:
     for name, grid in grids.items():
         gaps = _gaps(grid)
         drift = {gap: grid["tracked", "robust", gap].drift for gap in gaps}
-        large = [drift[gap] for gap in gaps if gap >= LARGE] or [drift[gaps[-1]]]
-        end = float(np.mean(large))
+        end = float(np.mean([drift[gap] for gap in _large_gaps(grid)]))
         best = min(gaps, key=lambda gap: np.nan_to_num(drift[gap], nan=np.inf))
         numbers = (
             f"{_said(drift[gaps[0]])} at a gap of {gaps[0]}, {_said(end)} at large ones, the "

@@ -115,8 +115,8 @@ def _euroc(material: Material) -> dict[str, str | bytes]:
 
 def _colmap(material: Material) -> dict[str, str | bytes]:
     points = material.edges.thinned(_STARTING_POINTS)
-    names = image_names(material.source, material.indices, material.trajectory.stamps)
-    files = to_colmap(material.trajectory, material.source.camera, points, *names)
+    names, folder = image_names(material.source, material.indices, material.trajectory.stamps)
+    files = to_colmap(material.trajectory, material.source.camera, points, names, folder)
     return {f"colmap/{name}": content for name, content in files.items()}
 
 

@@ -1,4 +1,7 @@
-"""When an odometry counts as failed: one rule for edvo and for all that is beside it."""
+"""The rules of a comparison, the same for edvo and for all that is beside it.
+
+When an odometry counts as failed, in which words, and which of several runs stands for it.
+"""
 
 import math
 from collections.abc import Callable, Sequence

@@ -74,7 +74,7 @@ def frames_csv(frames: Sequence[FrameRecord]) -> str:
         CSV. The pose is ``T_world_cam`` in metres; for a lost frame it is a prediction. What a
         frame does not have is empty. ``track_ms`` is the wall time of the track call, and each
         other ``..._ms`` a stage of it. Columns ``cov_...`` hold the upper triangle of the
-        covariance of the motion since the keyframe, row by row.
+        covariance of the motion since the keyframe, row by row, in metres and radians.
     """
     stages = list(dict.fromkeys(stage for record in frames for stage in record.stages))
     header = [

@@ -181,13 +181,14 @@ class Run:
         Returns
         -------
         Trajectory
-            Tracked and degraded frames only, ``T_world_cam``, with the stamps of the source.
+            Tracked and degraded frames only, ``T_world_cam``, by time and with the stamps of the
+            source. Of frames with the same stamp, as a camera may give them, it holds the first.
         """
         kept = [record for record in self.frames if record.status is not Status.LOST]
-        return Trajectory(
-            np.array([record.timestamp for record in kept]),
-            np.array([record.T_world_cam for record in kept]),
-            tuple(record.stamp for record in kept),
+        return Trajectory.from_frames(
+            [record.timestamp for record in kept],
+            [record.T_world_cam for record in kept],
+            [record.stamp for record in kept],
         )
 
     @property

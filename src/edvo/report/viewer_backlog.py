@@ -7,7 +7,7 @@ from collections.abc import Callable
 from edvo.datasets.readahead import give_way
 from edvo.report.viewer_shot import Shot
 
-MOST_SHOTS = 20_000  # numbers of frames that wait, a few kilobytes each
+MOST_SHOTS = 20_000  # frames that wait, most of them as numbers alone
 
 
 class Backlog:
@@ -29,7 +29,8 @@ class Backlog:
     dropped_pictures : int
         Those whose images were left out.
     dropped : int
-        Those that were left out altogether: the thread is hours behind.
+        Those that were left out altogether: the thread is more than `MOST_SHOTS` behind, or has
+        ended.
     failure : Exception or None
         What drawing has failed with.
     """

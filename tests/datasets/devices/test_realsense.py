@@ -4,7 +4,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from typing import Any
+from itertools import count
 
 import numpy as np
 import pytest
@@ -16,6 +16,8 @@ from edvo.errors import DatasetError, MissingExtraError
 from edvo.odometry import Odometry
 from edvo.report.live import track_device
 
+from ..realsense_files import Device, add_streams  # noqa: TID252 - as in cli/
+
 CAMERA = Camera(640, 480, 600.0, 601.0, 320.5, 241.25)
 DEPTH = Camera(640, 480, 590.0, 590.0, 322.0, 238.0)
 INVERSE = (0.09, -0.05, 0.001, 0.002, 0.01)
@@ -26,67 +28,37 @@ class Software:
 
     def __init__(self, *, colour: bool = True) -> None:
         rs = pytest.importorskip("pyrealsense2", reason="pip install 'edvo[realsense]'")
-        self.rs, self.device = rs, rs.software_device()
+        self.device = rs.software_device()
         self.device.register_info(rs.camera_info.name, "Fake D435")
         self.device.register_info(rs.camera_info.serial_number, "0123")
-        self.sensors = [self.device.add_sensor("Stereo Module")]
-        self.profiles = [self._add(0, rs.stream.depth, rs.format.z16, 2, DEPTH, ())]
-        self.sensors[0].add_read_only_option(rs.option.depth_units, 0.0005)
-        if colour:
-            self.sensors.append(self.device.add_sensor("RGB Camera"))
-            self.profiles.append(self._add(1, rs.stream.color, rs.format.rgb8, 3, CAMERA, INVERSE))
-            place = rs.extrinsics()
-            place.rotation, place.translation = [1, 0, 0, 0, 1, 0, 0, 0, 1], [0.015, 0.0, 0.0]
-            self.profiles[0].register_extrinsics_to(self.profiles[1], place)
+        T_colour_depth = np.eye(4)
+        T_colour_depth[0, 3] = 0.015
+        told = Device(CAMERA, DEPTH, T_colour_depth, coefficients=INVERSE, units=0.0005)
+        self.streams = add_streams(self.device, told, colour=colour)
         self._stop = threading.Event()
-        self.sent = 0
 
-    def _add(
-        self, number: int, kind: Any, layout: Any, size: int, camera: Camera, inverse: Any
-    ) -> Any:
-        rs = self.rs
-        told, stream = rs.intrinsics(), rs.video_stream()
-        told.width, told.height = camera.width, camera.height
-        told.fx, told.fy, told.ppx, told.ppy = camera.fx, camera.fy, camera.cx, camera.cy
-        told.model = rs.distortion.inverse_brown_conrady if inverse else rs.distortion.none
-        told.coeffs = list(inverse) or [0.0] * 5
-        stream.type, stream.fmt, stream.bpp, stream.intrinsics = kind, layout, size, told
-        stream.index, stream.uid, stream.fps = 0, number + 1, 30
-        stream.width, stream.height = camera.width, camera.height
-        return self.sensors[number].add_video_stream(stream)
-
-    def play(self, skip: tuple[int, ...] = (), frames: int = 10**6) -> None:
+    def play(self, gaps: bool = False) -> None:
+        """Send until it is stopped; with `gaps`, three images of seven are never sent."""
         rng = np.random.default_rng(5)
         colour = np.kron(rng.integers(30, 220, (24, 32, 3)), np.ones((20, 20, 1))).astype(np.uint8)
         depth = np.full((480, 640), 3000, np.uint16)
         depth[:50] = 0
-        start = 1000 * time.time()
-        for number in range(frames):
+        start = time.time()
+        for number in count():
             if self._stop.is_set():
                 return
-            if number not in skip:
-                for index, image in enumerate((depth, colour)[: len(self.sensors)]):
-                    self._send(index, image, number, start + 1000 * number / 30)
-                self.sent += 1
+            if not gaps or number % 7 < 4:
+                for stream, image in zip(self.streams, (depth, colour), strict=True):
+                    stream.send(image, number, start + number / 30)
             time.sleep(1 / 30)
-
-    def _send(self, index: int, image: Any, number: int, milliseconds: float) -> None:
-        frame = self.rs.software_video_frame()
-        frame.pixels, frame.bpp = image, (2, 3)[index]
-        frame.stride = 640 * frame.bpp
-        frame.timestamp, frame.frame_number = milliseconds, number
-        frame.domain = self.rs.timestamp_domain.system_time
-        frame.profile = self.profiles[index].as_video_stream_profile()
-        if index == 0:
-            frame.depth_units = 0.0005
-        self.sensors[index].on_video_frame(frame)
 
     def stop(self) -> None:
         self._stop.set()
 
 
 @pytest.fixture
-def software() -> Iterator[Software]:
+def software(monkeypatch: pytest.MonkeyPatch) -> Iterator[Software]:
+    monkeypatch.setattr("edvo.datasets.devices.waiting.LONGEST_S", 60.0)
     made = Software()
     yield made
     made.stop()
@@ -100,7 +72,7 @@ def test_gives_aligned_frames_and_the_devices_camera(software: Software) -> None
     assert camera.sensor == "realsense_d435"
     assert camera.camera.is_distorted
     assert camera.camera_origin == "the device"
-    thread = threading.Thread(target=software.play, kwargs={"frames": 90})
+    thread = threading.Thread(target=software.play)
     thread.start()
     readings = camera.readings()
     found = [next(readings) for _ in range(5)]
@@ -126,9 +98,7 @@ def test_gives_aligned_frames_and_the_devices_camera(software: Software) -> None
 
 def test_is_tracked_and_counts_what_the_driver_dropped(software: Software) -> None:
     camera = RealSense(software.device)
-    # Again and again: on a busy machine the first images may pass before anybody listens.
-    skip = tuple(index for index in range(90) if index % 7 > 3)
-    thread = threading.Thread(target=software.play, kwargs={"skip": skip})
+    thread = threading.Thread(target=software.play, kwargs={"gaps": True})
     thread.start()
     run, failure = track_device(camera, Odometry(camera.camera), max_frames=8)
     software.stop()
