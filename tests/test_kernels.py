@@ -268,6 +268,8 @@ def solver(config=None, **changes):
         "weight": robust.WEIGHTS[config.weight],
         "tuning": robust.TUNING.get(config.weight, config.nu),
         "min_sigma": config.min_sigma_px,
+        "first_sigma": config.first_sigma_px,
+        "first_stride": np.int64(config.first_stride),
         "min_matches": config.min_matches,
         "max_iterations": config.max_iterations,
         "switch_px": MatchingConfig().switch_px,

@@ -276,23 +276,24 @@ def scale(residuals, sigma, solver):
 def align(edges, points, gradients, camera, T, robust_criterion, normal_criterion, solver):
     """Iterate Eq. (13)-(14) from T, through both stages; returns T, iterations and Warped."""
     function = NAMES[solver.weight]
-    n, iterations, sigma = len(points), 0, 1.0
-    for criterion, enough in (
-        (robust_criterion, solver.switch_px),
-        (normal_criterion, solver.stop_px),
+    iterations, sigma = 0, 1.0
+    for criterion, enough, floor, every in (
+        (robust_criterion, solver.switch_px, solver.first_sigma, solver.first_stride),
+        (normal_criterion, solver.stop_px, 0.0, 1),
     ):
+        few, turned = points[::every], gradients[::every]
 
-        def look(pose, criterion=criterion):
+        def look(pose, criterion=criterion, few=few, turned=turned):
             signed = solver.residual == kernels.SIGNED
-            return warp_and_match(edges, points, gradients, camera, pose, criterion, signed)
+            return warp_and_match(edges, few, turned, camera, pose, criterion, signed)
 
-        def loss(seen, sigma, limit=criterion.limit):
+        def loss(seen, sigma, limit=criterion.limit, n=len(few)):
             return mean_cost(seen.residuals, n, sigma, limit, function, solver.tuning)
 
         now, damping, rejections, accepted = look(T), solver.damping, 0, True
         while iterations < solver.max_iterations:
             if accepted:
-                sigma = scale(now.residuals, sigma, solver)
+                sigma = max(scale(now.residuals, sigma, solver), floor)
                 J = jacobian(now, camera)
                 W = robust.weights(now.residuals / sigma, function, solver.tuning)
                 H, b = J.T @ (W[:, None] * J), J.T @ (W * now.residuals)

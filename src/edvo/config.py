@@ -153,6 +153,14 @@ class RegistrationConfig(Section):
     min_sigma_px: Positive = Field(
         default=1e-3, description="floor of the scale, against an exact fit of a few residuals"
     )
+    first_sigma_px: Annotated[float, Field(ge=0)] = Field(
+        default=0.5,
+        description="floor of the scale before the last stage, so that the many edges along a "
+        "motion, which fit from the start, do not make outliers of the few across it",
+    )
+    first_stride: Annotated[int, Field(ge=1)] = Field(
+        default=2, description="samples of which one is taken before the last stage"
+    )
     min_matches: Annotated[int, Field(ge=6)] = Field(
         default=30, description="fewer matches than this are no registration"
     )
@@ -315,6 +323,11 @@ class StatusConfig(Section):
     )
     lost_conflict: Fraction = Field(
         default=0.3, description="share of that above which a frame is lost; with max_conflict"
+    )
+    covariance: Literal["cells", "none"] = Field(
+        default="cells",
+        description="how far a pose may be off, and which motions nothing constrains, which "
+        "degrades the frame. Not in the paper",
     )
 
 
@@ -493,8 +506,13 @@ PRESETS: dict[str, dict[str, Any]] = {
         "motion": {"search_deg": 0.0},
         "keyframes": {"stored": 0},
         "sampling": {"count": 450},
-        "registration": {"weight": "t"},
-        "status": {"max_conflict": 0.0, "min_agreeing": 0.0, "doubt_agreeing": 0.0},
+        "registration": {"weight": "t", "first_sigma_px": 0.0, "first_stride": 1},
+        "status": {
+            "max_conflict": 0.0,
+            "min_agreeing": 0.0,
+            "doubt_agreeing": 0.0,
+            "covariance": "none",
+        },
     },
 }
 

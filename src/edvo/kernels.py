@@ -172,6 +172,8 @@ class Solver(NamedTuple):
     weight: int
     tuning: float  # nu of the t-distribution; the tuning constant of the others
     min_sigma: float  # px
+    first_sigma: float  # px, its floor before the last stage
+    first_stride: np.int64  # samples of which one is taken before the last stage
     min_matches: int
     max_iterations: int
     switch_px: float  # rms change of the residuals below which the normal criterion takes over
@@ -1326,9 +1328,11 @@ def align(
     for stage in range(first_stage, last_stage + 1):
         criterion = robust if stage == 0 else normal
         enough = solver.stop_px if stage == last_stage else solver.switch_px
+        every = ALL if stage == last_stage else solver.first_stride
+        taken = (n + every - 1) // every
         matches.bound[:] = 0  # what held under one criterion need not under another
         count = warp_and_match(
-            grid, points, gradients, ALL, camera, T, criterion, solver.residual, matches, residuals
+            grid, points, gradients, every, camera, T, criterion, solver.residual, matches, residuals
         )
         if m > 0:
             near_count = match_planes(planes, surface, camera, T, term, near)
@@ -1337,12 +1341,14 @@ def align(
         stale = True
         reason = EXHAUSTED
         while iterations < solver.max_iterations:
-            if count < solver.min_matches:
+            if count * every < solver.min_matches:
                 reason = TOO_FEW
                 break
             if stale:
                 sigma = scale_of(residuals, count, sigma, solver)
-                cost = mean_cost(residuals, count, n, sigma, criterion.limit, solver)
+                if stage < last_stage:
+                    sigma = max(sigma, solver.first_sigma)
+                cost = mean_cost(residuals, count, taken, sigma, criterion.limit, solver)
                 total = normal_equations(camera, solver, sigma, matches, residuals, H, b)
                 balance = 0.0
                 if near_count >= term.min_points:
@@ -1351,7 +1357,7 @@ def align(
                     balance *= 1 + (term.edge_doubt / sigma) ** 2
                     cost += balance / n * plane_cost(near, near_count, m, sigma_d)
                     plane_equations(near, near_count, sigma_d, H_planes, b_planes)
-                    scale = balance * (sigma / sigma_d) ** 2
+                    scale = balance * (sigma / sigma_d) ** 2 / every
                     for i in range(6):
                         b[i] += scale * b_planes[i]
                         for j in range(6):
@@ -1380,7 +1386,7 @@ def align(
                 grid,
                 points,
                 gradients,
-                ALL,
+                every,
                 camera,
                 trial_T,
                 criterion,
@@ -1388,7 +1394,7 @@ def align(
                 trial,
                 trial_residuals,
             )
-            row[7] = mean_cost(trial_residuals, trial_count, n, sigma, criterion.limit, solver)
+            row[7] = mean_cost(trial_residuals, trial_count, taken, sigma, criterion.limit, solver)
             near_trial_count = 0
             if m > 0:
                 near_trial_count = match_planes(planes, surface, camera, trial_T, term, near_trial)
@@ -1418,6 +1424,9 @@ def align(
             break
         if stage < last_stage and iterations >= solver.max_iterations:
             reason = EXHAUSTED  # the stage that finishes has had no turn
+            count = warp_and_match(
+                grid, points, gradients, ALL, camera, T, normal, solver.residual, matches, residuals
+            )
             break
     orthonormalize(T)
     for i in range(n):

@@ -72,7 +72,8 @@ class TrackedFrame:
         The registration; None where there was none.
     covariance : ndarray of float64, shape (6, 6), or None
         Of ``T_key_cur``: of the twist [v, w] (metres, radians) in the keyframe's camera with
-        T_true = exp([v, w]) T_key_cur. None where there was no registration or it failed.
+        T_true = exp([v, w]) T_key_cur. None where there was no registration or it failed, and
+        where ``status.covariance`` is ``none``, as in the preset ``paper``.
     degenerate : tuple of str
         Motions in the keyframe's camera that neither edges nor depth noticed; the frame is then
         at best ``DEGRADED``.
@@ -333,9 +334,12 @@ class Odometry:
             self._judge.note(alignment)
             self._cruise += (self._velocity - self._cruise) * min(period / CRUISE_S, 1.0)
         self._T_world_last = keyframe.T_world_key @ T_key_cur
-        with self._clock("uncertainty"):
-            covariance = self._covariance(keyframe, seen, alignment)
-            degenerate = tuple(describe(way) for way in degenerate_directions(covariance))
+        covariance: NDArray[np.float64] | None = None
+        degenerate: tuple[str, ...] = ()
+        if self.config.status.covariance != "none":
+            with self._clock("uncertainty"):
+                covariance = self._covariance(keyframe, seen, alignment)
+                degenerate = tuple(describe(way) for way in degenerate_directions(covariance))
         if degenerate and status is Status.TRACKED:
             status, reason = Status.DEGRADED, f"not constrained: {', '.join(degenerate)}"
         share = alignment.inliers / len(seen.samples)
