@@ -6,9 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from edvo.datasets.ros_bag import Bag, Place
+from edvo.datasets.ros_bag import Bag
 from edvo.datasets.ros_images import decompressed_colour, decompressed_depth, depth_of, grey_of
 from edvo.datasets.ros_messages import parse_compressed_image, parse_image, parse_stamp
+from edvo.datasets.ros_storage import Place
 from edvo.errors import DatasetError, FrameError
 
 _NANOSECONDS = 10**9
