@@ -5,6 +5,7 @@
 prints the table of the README. Relative pose error over one second by the TUM script.
 """
 
+import argparse
 import time
 from collections.abc import Callable, Iterator
 
@@ -27,6 +28,7 @@ HEADER = ["", "RPE m/s", "worst seed", "median", "deg/s", "ATE m", "coverage", "
 
 def main() -> None:
     """Print a table for each sequence, and the one of the README."""
+    argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
     cv2.setNumThreads(1)
     sequences = recordings(10_000)
     short: dict[str, list[str]] = {}

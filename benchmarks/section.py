@@ -1,11 +1,13 @@
 """What every section of the report takes and gives."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
 from benchmarks.frames import Recording, recordings
+from edvo.report.markdown_table import markdown_table
+
+table = markdown_table
 
 
 @dataclass(frozen=True)
@@ -77,12 +79,6 @@ class Section:
     title: str
     body: str
     bounds: list[Bound] = field(default_factory=list)
-
-
-def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Write a Markdown table, its first column to the left and numbers to the right."""
-    lines = [header, ["---"] + ["---:"] * (len(header) - 1), *rows]
-    return "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
 
 
 def ms(seconds: float) -> str:

@@ -13,6 +13,16 @@ from edvo.frame import Frame
 
 CAMERA = Camera(width=320, height=240, fx=262.5, fy=262.5, cx=159.5, cy=119.5)
 VGA = Camera(width=640, height=480, fx=525.0, fy=525.0, cx=319.5, cy=239.5)
+# A Kinect v1's, whose lens bends the corners by tens of pixels.
+LENS = Camera(
+    width=640,
+    height=480,
+    fx=517.3,
+    fy=516.5,
+    cx=318.6,
+    cy=255.3,
+    distortion=(0.26, -0.95, -0.0054, 0.0026, 1.16),
+)
 
 
 def error(T_true, T):

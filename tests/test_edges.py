@@ -9,15 +9,7 @@ from edvo.edges import EXTRACTORS, EdgePixels, depth_at_edges, extract_edges
 
 from . import problems
 
-LENS = Camera(
-    width=640,
-    height=480,
-    fx=517.3,
-    fy=516.5,
-    cx=318.6,
-    cy=255.3,
-    distortion=(0.26, -0.95, -0.0054, 0.0026, 1.16),
-)
+LENS = problems.LENS
 
 
 def gradients_of(grey, config):

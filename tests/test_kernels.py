@@ -17,15 +17,7 @@ from edvo.registration import Registration
 
 from . import problems, twins
 
-LENS = Camera(
-    width=640,
-    height=480,
-    fx=517.3,
-    fy=516.5,
-    cx=318.6,
-    cy=255.3,
-    distortion=(0.26, -0.95, -0.0054, 0.0026, 1.16),
-)
+LENS = problems.LENS
 
 
 @pytest.fixture

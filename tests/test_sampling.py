@@ -6,7 +6,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from edvo.camera import Camera
 from edvo.config import EdgesConfig, SamplingConfig
 from edvo.edges import EdgeImage, depth_at_edges, extract_edges
 from edvo.sampling import sample_edges
@@ -155,15 +154,7 @@ def test_without_edges_or_without_depth_there_is_no_sample():
 
 
 def test_samples_of_a_distorted_camera_are_ideal_pixels():
-    camera = Camera(
-        width=640,
-        height=480,
-        fx=517.3,
-        fy=516.5,
-        cx=318.6,
-        cy=255.3,
-        distortion=(0.26, -0.9, 0, 0, 1),
-    )
+    camera = problems.LENS
     rng = np.random.default_rng(0)
     edges = extract_edges(problems.drawn_image(rng), EDGES)
     depth = np.full((480, 640), 2.0, np.float32)

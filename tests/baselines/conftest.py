@@ -1,5 +1,6 @@
 """Frames with known motion, small and rendered, for several tests."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,9 @@ from edvo.synthesis.sequence import SyntheticSource, make_recipe
 
 CAMERA = Camera(width=320, height=240, fx=267.7, fy=269.6, cx=159.8, cy=123.6)
 STEPS, STRIDE = 6, 2
+OFFICE = Camera(width=320, height=240, fx=260.0, fy=260.0, cx=159.5, cy=119.5)
+
+Office = Callable[[int], tuple[Frame, NDArray[np.float64]]]
 
 
 @dataclass(frozen=True)
@@ -43,3 +47,16 @@ def rendered() -> Rendered:
     poses = tuple(source.ground_truth.at(frame.timestamp) for frame in frames)
     assert len(frames) == STEPS
     return Rendered(CAMERA, frames, poses)
+
+
+@pytest.fixture(scope="session")
+def office() -> Office:
+    """Show a furnished room, which has shape for depth alone, and the true pose."""
+    source = SyntheticSource(make_recipe("office", frames=31, camera=OFFICE))
+
+    def at(index: int) -> tuple[Frame, NDArray[np.float64]]:
+        frame = source.read(index).frame
+        assert frame is not None
+        return frame, source.ground_truth.at(frame.timestamp)
+
+    return at

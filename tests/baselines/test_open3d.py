@@ -1,7 +1,6 @@
 """Open3D's odometry uses its guess, fails where nothing overlaps, says what is missing."""
 
 import importlib
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -10,28 +9,10 @@ from numpy.typing import NDArray
 from edvo import se3
 from edvo.baselines.open3d import KINDS, open3d_odometry
 from edvo.baselines.pairwise import FRAME_TO_FRAME, KeyframeRule
-from edvo.camera import Camera
 from edvo.errors import ConfigError, MissingExtraError
-from edvo.frame import Frame
 from edvo.odometry import Status
-from edvo.synthesis.sequence import SyntheticSource, make_recipe
 
-CAMERA = Camera(width=320, height=240, fx=260.0, fy=260.0, cx=159.5, cy=119.5)
-
-Office = Callable[[int], tuple[Frame, NDArray[np.float64]]]
-
-
-@pytest.fixture(scope="module")
-def office() -> Office:
-    """Show a furnished room, and the true pose."""
-    source = SyntheticSource(make_recipe("office", frames=31, camera=CAMERA))
-
-    def at(index: int) -> tuple[Frame, NDArray[np.float64]]:
-        frame = source.read(index).frame
-        assert frame is not None
-        return frame, source.ground_truth.at(frame.timestamp)
-
-    return at
+from .conftest import OFFICE, Office
 
 
 @pytest.fixture
@@ -54,7 +35,7 @@ def error_of(found: NDArray[np.float64] | None, T_ref_cur: NDArray[np.float64]) 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("rule", [None, FRAME_TO_FRAME])
 def test_follows_a_hand(kind: str, rule: KeyframeRule | None, office: Office) -> None:
-    tracker = open3d_odometry(CAMERA, kind, keyframes=rule)
+    tracker = open3d_odometry(OFFICE, kind, keyframes=rule)
     assert tracker.name == f"open3d-{kind}"
     start = office(0)[1]
     tracker.reset(start)
@@ -71,7 +52,7 @@ def test_follows_a_hand(kind: str, rule: KeyframeRule | None, office: Office) ->
 def test_uses_the_guess(kind: str, office: Office) -> None:
     (reference, T_world_ref), (current, T_world_cur) = office(0), office(15)
     T_ref_cur = se3.inverse(T_world_ref) @ T_world_cur
-    aligner = open3d_odometry(CAMERA, kind)._aligner
+    aligner = open3d_odometry(OFFICE, kind)._aligner
     pair = aligner.prepare(reference), aligner.prepare(current)
     away = se3.exp(np.array([0.01, -0.01, 0.01, 0.005, -0.005, 0.005]))
     assert error_of(aligner.align(*pair, T_ref_cur @ away), T_ref_cur) < 0.01  # of 0.15 m
@@ -82,7 +63,7 @@ def test_uses_the_guess(kind: str, office: Office) -> None:
 @pytest.mark.usefixtures("installed")
 @pytest.mark.parametrize("kind", KINDS)
 def test_fails_where_the_guess_points_elsewhere(kind: str, office: Office) -> None:
-    aligner = open3d_odometry(CAMERA, kind)._aligner
+    aligner = open3d_odometry(OFFICE, kind)._aligner
     pair = aligner.prepare(office(0)[0]), aligner.prepare(office(2)[0])
     behind = se3.exp(np.array([0.0, 0.0, 0.0, 0.0, np.pi, 0.0]))
     assert aligner.align(*pair, behind) is None
@@ -90,7 +71,7 @@ def test_fails_where_the_guess_points_elsewhere(kind: str, office: Office) -> No
 
 def test_unknown_kind() -> None:
     with pytest.raises(ConfigError, match="hybrid, intensity, plane, legacy-hybrid, legacy-colour"):
-        open3d_odometry(CAMERA, "colour")
+        open3d_odometry(OFFICE, "colour")
 
 
 @pytest.mark.parametrize(
@@ -108,6 +89,6 @@ def test_missing_says_what_to_install(
 
     monkeypatch.setattr(importlib, "import_module", refuse)
     with pytest.raises(MissingExtraError, match=mend) as caught:
-        open3d_odometry(CAMERA, "hybrid")
+        open3d_odometry(OFFICE, "hybrid")
     assert "\n" not in str(caught.value)
     assert str(problem) in str(caught.value)

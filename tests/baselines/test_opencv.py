@@ -1,6 +1,5 @@
 """OpenCV's odometry follows a known motion, and is lost by edvo's own rules."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import cv2
@@ -11,13 +10,13 @@ from numpy.typing import NDArray
 from edvo import se3
 from edvo.baselines.opencv import KINDS, OpenCvAligner, opencv_odometry
 from edvo.baselines.pairwise import FRAME_TO_FRAME, KeyframeRule, PairwiseOdometry
-from edvo.camera import Camera
 from edvo.errors import ConfigError, FrameError, MissingExtraError
 from edvo.frame import Frame
 from edvo.odometry import Status
-from edvo.synthesis.sequence import SyntheticSource, make_recipe
 
-CAMERA = Camera(width=320, height=240, fx=260.0, fy=260.0, cx=159.5, cy=119.5)
+from .conftest import OFFICE, Office
+
+CAMERA = OFFICE
 STEP_M = 0.02
 
 
@@ -45,22 +44,6 @@ def frame_at(step: int, t: float) -> Frame:
     return Frame(
         timestamp=t, grey=np.asarray(grey, np.uint8), depth=(DEPTH + NOISE[step]).astype(np.float32)
     )
-
-
-Office = Callable[[int], tuple[Frame, NDArray[np.float64]]]
-
-
-@pytest.fixture(scope="module")
-def office() -> Office:
-    """Show a furnished room, which has shape for depth alone, and the true pose."""
-    source = SyntheticSource(make_recipe("office", frames=31, camera=CAMERA))
-
-    def at(index: int) -> tuple[Frame, NDArray[np.float64]]:
-        frame = source.read(index).frame
-        assert frame is not None
-        return frame, source.ground_truth.at(frame.timestamp)
-
-    return at
 
 
 @pytest.mark.parametrize("kind", KINDS)

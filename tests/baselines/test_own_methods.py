@@ -9,9 +9,10 @@ import pytest
 
 from edvo import se3
 from edvo.baselines.direct import direct_odometry
-from edvo.baselines.edge_distance import edge_distance_odometry
+from edvo.baselines.edge_distance import EdgeDistanceAligner, edge_distance_odometry
 from edvo.baselines.orb import orb_odometry
 from edvo.baselines.pairwise import FRAME_TO_FRAME, PairwiseOdometry
+from edvo.config import Config
 from edvo.odometry import Status
 
 from .conftest import Rendered
@@ -55,6 +56,17 @@ def test_orb_counts_the_inliers_of_the_last_refinement(
     reference, current = map(aligner.prepare, rendered.frames[:2])
     assert aligner.align(reference, current, np.eye(4)) is None
     assert calls == 4  # near the guess, then everywhere
+
+
+@pytest.mark.parametrize("config", [None, Config(), Config.preset("paper")])
+def test_a_distance_transform_gets_edges_at_whole_pixels(
+    config: Config | None, rendered: Rendered
+) -> None:
+    assert Config().edges.position == "vertex"
+    points = EdgeDistanceAligner(rendered.camera, config).prepare(rendered.frames[0]).points
+    pixels = rendered.camera.project(points)
+    assert len(pixels) > 100
+    np.testing.assert_allclose(pixels, np.round(pixels), atol=1e-3)
 
 
 def test_the_guess_carries_a_large_motion(make: Make, rendered: Rendered) -> None:

@@ -42,6 +42,15 @@ def test_installed_command() -> None:
     assert done.stderr.count("\n") == 1
 
 
+def test_runs_as_a_module() -> None:
+    command = [sys.executable, "-m", "edvo"]
+    done = subprocess.run([*command, "--version"], capture_output=True, text=True, check=True)
+    assert done.stdout == f"edvo {__version__}\n"
+    done = subprocess.run([*command, "fly"], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "edvo [OPTIONS] COMMAND" in done.stderr  # no name of a file
+
+
 def test_help_lists_the_commands(edvo: Command) -> None:
     done = edvo("--help")
     assert done.status == 0

@@ -10,7 +10,10 @@ from edvo.trajectory import Trajectory
 
 from .conftest import Command, position, rows, stamp
 
-COLUMNS = {"timestamp", "status", "iterations", "matches", "inliers", "sigma_px", "track_ms"}
+COLUMNS = {
+    *("timestamp", "status", "iterations", "matches", "inliers", "agreeing", "sigma_px"),
+    "track_ms",
+}
 POSE = ["tx", "ty", "tz", "qx", "qy", "qz", "qw"]
 
 

@@ -40,6 +40,15 @@ def test_every_part_of_the_method_is_among_them() -> None:
     assert len({variant.name for variant in VARIANTS}) == len(VARIANTS)
 
 
+def test_each_thing_that_default_adds_to_the_paper_can_be_left_out() -> None:
+    paper, default = (leaves(Config.preset(name).to_dict()) for name in ("paper", "default"))
+    variants = [leaves(config.to_dict()) for config in variants_of("default").values()]
+    added = {key for key in default if default[key] != paper[key]} - {"preset_name"}
+    assert {"edges.position", "status.max_conflict", "status.min_agreeing"} <= added
+    for key in added:
+        assert any(values[key] == paper[key] for values in variants), key
+
+
 def test_no_such_preset() -> None:
     with pytest.raises(ConfigError, match="there are default, paper"):
         variants_of("best")

@@ -14,7 +14,6 @@ from edvo.report.compare_tables import (
     cells,
     describe,
     markdown,
-    markdown_table,
     records,
     summary_cells,
     to_csv,
@@ -130,10 +129,6 @@ def test_markdown_is_a_page_of_tables(comparison: Comparison) -> None:
     for line in page.splitlines():
         if line.startswith("|"):
             assert line.endswith("|")
-
-
-def test_a_bar_in_a_cell_does_not_split_it() -> None:
-    assert markdown_table(["a|b", "c"], [["d", "e"]]) == "| a\\|b | c |\n| --- | ---: |\n| d | e |"
 
 
 def test_summary_of_variants_has_ratios() -> None:

@@ -38,7 +38,7 @@ def record(index: int, status: Status = Status.TRACKED, **more: Any) -> FrameRec
         is_keyframe=index % 10 == 0,
         edges=1000,
         samples=100,
-        registration=Registration(5, 100, 90, 0.5, 0, 0.0, 0.0),
+        registration=Registration(5, 100, 90, 80, 0.5, 0, 0.0, 0.0),
         track_s=0.002,
         stages={"edges": 0.001},
         problem=None,

@@ -65,8 +65,8 @@ class EdgeDistanceAligner:
     camera : Camera
         Its pinhole part; frames must be free of distortion.
     config : Config, optional
-        Edges, sub-sampling and what counts as an inlier; edvo's own where not given. Edges lie in
-        the middle of their pixels whatever it says: a distance transform knows them no better.
+        Edges, sub-sampling and what counts as an inlier; edvo's own where not given. Given or not,
+        edges lie in the middle of their pixels: a distance transform knows them no better.
     stages : tuple of Robust
         Weights and stopping, residuals in pixels; each starts where the one before ends.
     """

@@ -67,7 +67,7 @@ def compare(
     stride: int,
     memory: bool,
 ) -> None:
-    """Track recordings by several systems and compare them; see `edvo.cli.app.compare`."""
+    """Track recordings by several systems and compare them; see `edvo.cli.commands.compare`."""
     if preset is not None and not variants:
         raise ConfigError("--preset says what --variants changes; without it both are compared")
     if severity is not None and light is None:

@@ -40,7 +40,7 @@ EDVO = "edvo"
 
 
 def demo(out: Path, *, scene: str, seconds: float, preset: str | None, seed: int) -> None:
-    """Make a sequence with known truth, track and draw it; see `edvo.cli.app.demo`."""
+    """Make a sequence with known truth, track and draw it; see `edvo.cli.commands.demo`."""
     begin = time.perf_counter()
     config = configure(preset, None, [], seed)
     recipe = demo_recipe(scene, seconds=seconds, seed=seed)

@@ -19,7 +19,7 @@ def evaluate(
     as_json: bool,
     plot: Path | None,
 ) -> None:
-    """Compare a trajectory with the truth; see `edvo.cli.app.evaluate`."""
+    """Compare a trajectory with the truth; see `edvo.cli.commands.evaluate`."""
     truth, estimated = Trajectory.read(reference), Trajectory.read(estimate)
     count = None if frames is None else count_frames(frames)
     errors = evaluate_trajectories(truth, estimated, count, delta=delta)

@@ -36,7 +36,7 @@ def list_sequences() -> None:
 def fetch(
     names: list[str], out: Path, *, mirror: str | None, checksum: str | None, keep_archive: bool
 ) -> None:
-    """Fetch sequences; see `edvo.cli.app.fetch`."""
+    """Fetch sequences; see `edvo.cli.commands.fetch`."""
     entries = list(dict.fromkeys(find(name) for name in names))
     if checksum is not None and len(entries) > 1:
         raise DatasetError("--checksum is that of one archive; give one sequence with it")

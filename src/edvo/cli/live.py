@@ -48,7 +48,7 @@ def live(
     view: bool,
     save_view: Path | None,
 ) -> None:
-    """Track a camera until Ctrl-C and write what came of it; see `edvo.cli.app.live`."""
+    """Track a camera until Ctrl-C and write what came of it; see `edvo.cli.commands.live`."""
     config = configure(preset, config_file, overrides, seed)
     viewing = View(view, save_view)
     with closing(open_device(which, camera=camera)) as device:

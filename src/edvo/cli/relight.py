@@ -27,7 +27,7 @@ def relight(
     camera: str | None,
     force: bool,
 ) -> None:
-    """Write a sequence once more under another light; see `edvo.cli.app.relight`."""
+    """Write a sequence once more under another light; see `edvo.cli.commands.relight`."""
     with ExitStack() as bars:
         advance: Advance | None = None
 

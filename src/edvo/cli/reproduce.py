@@ -46,7 +46,7 @@ def reproduce(
     max_frames: int | None,
     force: bool,
 ) -> None:
-    """Make tables and figures of the paper again; see `edvo.cli.app.reproduce`."""
+    """Make tables and figures of the paper again; see `edvo.cli.commands.reproduce`."""
     names = chosen(what)
     with _watching(len(names)) as watch:
         bench = Bench(

@@ -46,7 +46,7 @@ def run(
     view: bool,
     save_view: Path | None,
 ) -> None:
-    """Track a recording and write what came of it; see `edvo.cli.app.run`."""
+    """Track a recording and write what came of it; see `edvo.cli.commands.run`."""
     config = configure(preset, config_file, overrides, seed)
     extras = Extras(report, exports)
     viewing = View(view, save_view)

@@ -60,7 +60,7 @@ def synth(
     seed: int,
     force: bool,
 ) -> None:
-    """Write a synthetic sequence; see `edvo.cli.app.synth`."""
+    """Write a synthetic sequence; see `edvo.cli.commands.synth`."""
     data = load_scene(scene)
     recipe = make_recipe(
         data,

@@ -25,7 +25,7 @@ from edvo.datasets.association import MAX_DIFFERENCE_S, associate
 from edvo.datasets.known_cameras import choose_camera
 from edvo.datasets.listed import CameraChoice, ListedSource
 from edvo.datasets.realsense_camera import realsense_camera
-from edvo.datasets.ros_bag import Bag, Place
+from edvo.datasets.ros_bag import Bag
 from edvo.datasets.ros_messages import IMAGE, parse_camera_info
 from edvo.datasets.ros_stamped import (
     Stamped,
@@ -35,6 +35,7 @@ from edvo.datasets.ros_stamped import (
     stamp_text,
     stamp_topic,
 )
+from edvo.datasets.ros_storage import Place
 from edvo.datasets.source import Source
 from edvo.datasets.two_cameras import TwoCameras
 from edvo.errors import DatasetError, FrameError

@@ -1,14 +1,16 @@
 """Messages of a bag's image topics: their times, and the images in them."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from edvo.datasets.ros_bag import Bag, Place
+from edvo.datasets.ros_bag import Bag
 from edvo.datasets.ros_images import decompressed_colour, decompressed_depth, depth_of, grey_of
 from edvo.datasets.ros_messages import parse_compressed_image, parse_image, parse_stamp
+from edvo.datasets.ros_storage import Place
 from edvo.errors import DatasetError, FrameError
 
 _NANOSECONDS = 10**9
@@ -129,13 +131,11 @@ def load_colour(bag: Bag, place: Place, raw: bool, where: str) -> NDArray[np.uin
     FrameError
         If it is damaged or no colour image.
     """
-    try:
+    with _naming(where):
         data = bag.read(place)
         if raw:
             return grey_of(parse_image(data, bag.ros2), where)
         return decompressed_colour(parse_compressed_image(data, bag.ros2), where)
-    except DatasetError as error:
-        raise FrameError(f"{where}: {error}") from error
 
 
 def load_depth(
@@ -153,11 +153,18 @@ def load_depth(
     FrameError
         If it is damaged or no depth image.
     """
-    try:
+    with _naming(where):
         data = bag.read(place)
         if raw:
             return depth_of(parse_image(data, bag.ros2), where)
         return decompressed_depth(parse_compressed_image(data, bag.ros2), where)
+
+
+@contextmanager
+def _naming(where: str) -> Iterator[None]:
+    """Make a message that cannot be read a matter of its frame alone."""
+    try:
+        yield
     except DatasetError as error:
         raise FrameError(f"{where}: {error}") from error
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from edvo.datasets.images import compressed_size
-from edvo.datasets.ros_bag import Bag, Topic
+from edvo.datasets.ros_bag import Bag
 from edvo.datasets.ros_images import (
     is_16_bit_png,
     is_colour,
@@ -21,6 +21,7 @@ from edvo.datasets.ros_messages import (
     parse_compressed_image,
     parse_image,
 )
+from edvo.datasets.ros_storage import Topic
 from edvo.errors import DatasetError
 
 _TRANSPORTS = ("compressed", "compressedDepth")

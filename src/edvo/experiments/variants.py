@@ -29,6 +29,8 @@ VARIANTS = (
     Variant("edges: no blur", ("edges.blur_px=0",)),
     Variant("edges: fixed thresholds", ("edges.strong_share=0",)),
     Variant("edges: thresholds that follow the image", ("edges.strong_share=0.1",)),
+    Variant("edges: at whole pixels", ("edges.position=pixel",)),
+    Variant("edges: between pixels", ("edges.position=vertex",)),
     Variant("planes: none", ("planes.weight=0",)),
     Variant("planes: beside the edges", ("planes.weight=1",)),
     Variant(
@@ -69,6 +71,10 @@ VARIANTS = (
     Variant("search: none where in doubt", ("motion.search_deg=0",)),
     Variant("recovery: none", ("keyframes.stored=0",)),
     Variant("start: where the camera was", ("motion.prior=still",)),
+    Variant("witness: none", ("status.max_conflict=0",)),
+    Variant("witness: what stands where nothing was", ("status.max_conflict=0.02",)),
+    Variant("agreeing gradients: not asked", ("status.min_agreeing=0", "status.doubt_agreeing=0")),
+    Variant("agreeing gradients: asked", ("status.min_agreeing=0.4", "status.doubt_agreeing=0.5")),
 )
 """Changes of every part, whatever the preset."""
 

@@ -392,18 +392,7 @@ def _external(poses: Trajectory, times: NDArray[np.float64], truth: Trajectory |
     evaluation, failure = judge(truth, trajectory, len(times))
     if not len(trajectory) and len(times):
         failure = _no_overlap(poses, times)
-    return Score(
-        seed=None,
-        begin=0,
-        frames=len(times),
-        tracked=len(trajectory),
-        degraded=0,
-        trajectory=trajectory,
-        evaluation=evaluation,
-        wall_s=np.empty(0),
-        cpu_s=np.empty(0),
-        failure=failure,
-    )
+    return _untimed(trajectory, len(times), evaluation, failure)
 
 
 def _no_overlap(poses: Trajectory, times: NDArray[np.float64]) -> str:
@@ -420,15 +409,20 @@ def _still(times: NDArray[np.float64], truth: Trajectory | None) -> Score:
     """Score who does not move, which is no failure but the bar that others must clear."""
     poses = Trajectory.from_frames(times, [np.eye(4)] * len(times))
     evaluation, _ = judge(truth, poses, len(times))
+    return _untimed(poses, len(times), evaluation, "")
+
+
+def _untimed(poses: Trajectory, frames: int, evaluation: Evaluation | None, failure: str) -> Score:
+    """Score poses that no tracker of this comparison has made."""
     return Score(
         seed=None,
         begin=0,
-        frames=len(times),
+        frames=frames,
         tracked=len(poses),
         degraded=0,
         trajectory=poses,
         evaluation=evaluation,
         wall_s=np.empty(0),
         cpu_s=np.empty(0),
-        failure="",
+        failure=failure,
     )

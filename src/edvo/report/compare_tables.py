@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from edvo import __version__
 from edvo.report.compare import Comparison, Row, Score
 from edvo.report.compare_rank import summary_verdicts, verdicts
+from edvo.report.markdown_table import markdown_table
 
 FAILED = "x"
 """Stands for the error of a system that failed."""
@@ -114,27 +115,6 @@ def describe(comparison: Comparison) -> str:
     if comparison.truth is None:
         line += "; no ground truth, so no errors"
     return line
-
-
-def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Write a Markdown table, its first column to the left and the others to the right.
-
-    Parameters
-    ----------
-    header : sequence of str
-        Names of the columns.
-    rows : sequence of sequence of str
-        Cells.
-
-    Returns
-    -------
-    str
-        Lines, without one at the end.
-    """
-    lines = [header, ["---"] + ["---:"] * (len(header) - 1), *rows]
-    return "\n".join(
-        "| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines
-    )
 
 
 def markdown(

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from edvo.experiments.bench import Bench
+from edvo.report.markdown_table import markdown_table
 from edvo.report.reproduction_words import (
     PAPER,
     SIGNS,
@@ -42,8 +43,8 @@ def markdown(stages: Sequence[Shown], bench: Bench) -> str:
     ]
     if findings:
         rows = [(name, f.claim, SIGNS[f.holds], f.sentence) for name, f in findings]
-        parts.append(markdown_table(("", "the paper", "here", "measured"), rows))
-    parts += ["## Sequences", markdown_table(("sequence", "data"), sequences_of(bench))]
+        parts.append(_table(("", "the paper", "here", "measured"), rows))
+    parts += ["## Sequences", _table(("sequence", "data"), sequences_of(bench))]
     parts += [f"- {note}" for note in bench.notes]
     for stage in stages:
         parts.append(f"## {stage.name}: {stage.title}")
@@ -56,32 +57,12 @@ def markdown(stages: Sequence[Shown], bench: Bench) -> str:
             parts.append(f"![{figure.caption}]({stage.name}/{figure.name}.png)")
             parts.append(f"*{figure.caption}*")
         for table in stage.outcome.tables:
-            parts += [f"**{table.title}**", markdown_table(table.header, table.rows)]
+            parts += [f"**{table.title}**", _table(table.header, table.rows)]
         for finding in stage.outcome.findings:
             parts.append(f"- **{SIGNS[finding.holds]}**: {in_words(finding)}")
         parts += [f"- Note: {note}" for note in stage.outcome.notes]
     return "\n\n".join(parts) + "\n"
 
 
-def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Lay out a table.
-
-    Parameters
-    ----------
-    header : sequence of str
-        Names of the columns.
-    rows : sequence of sequence of str
-        Cells.
-
-    Returns
-    -------
-    str
-        Lines of Markdown, numbers to the right.
-    """
-    numbers = numeric_columns(header, rows)
-    lines = [header, ["---:" if right else "---" for right in numbers], *rows]
-    return "\n".join(f"| {' | '.join(_cell(cell) for cell in line)} |" for line in lines)
-
-
-def _cell(text: str) -> str:
-    return " ".join(text.replace("|", "\\|").split())
+def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    return markdown_table(header, rows, numeric_columns(header, rows))

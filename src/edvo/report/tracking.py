@@ -94,6 +94,8 @@ class Registration:
         Trial steps.
     matches, inliers : int
         Samples with a match, and with a good one.
+    agreeing : int
+        Inliers whose gradient is that of their match.
     sigma_px : float
         Scale of the residuals, pixels.
     plane_points : int
@@ -107,6 +109,7 @@ class Registration:
     iterations: int
     matches: int
     inliers: int
+    agreeing: int
     sigma_px: float
     plane_points: int
     sigma_depth: float
@@ -119,6 +122,7 @@ class Registration:
             found.iterations,
             found.match_count,
             found.inliers,
+            found.agreeing,
             found.sigma_px,
             found.plane_points,
             found.sigma_depth,

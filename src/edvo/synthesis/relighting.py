@@ -7,7 +7,6 @@ and on its time alone, never on which images were relit before.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -15,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edvo.camera import Camera
+from edvo.datasets.derived import Derived
 from edvo.datasets.source import Reading, Source
 from edvo.errors import FrameError, SceneError
 from edvo.synthesis import photometry
 from edvo.synthesis.randomness import generator
 from edvo.synthesis.relight_models import Effect, LightModel, Settings, find_models
 from edvo.synthesis.surface import estimate_surface
-from edvo.trajectory import Trajectory
 
 _FULL_WELL = 2000.0
 _READ_NOISE = 5.0
@@ -175,7 +174,7 @@ def relight(
     return relighter.relight(image, depth, camera, t)
 
 
-class RelitSource:
+class RelitSource(Derived):
     """A source whose images are relit as they are read.
 
     Parameters
@@ -192,7 +191,7 @@ class RelitSource:
     """
 
     def __init__(self, source: Source, relighter: Relighter) -> None:
-        self._source = source
+        super().__init__(source)
         self._relighter = relighter
 
     @property
@@ -201,29 +200,9 @@ class RelitSource:
         return f"{self._source.name}+{self._relighter.name}"
 
     @property
-    def path(self) -> Path:
-        """Where the source lies."""
-        return self._source.path
-
-    @property
     def format(self) -> str:
         """Format of the source."""
         return self._source.format
-
-    @property
-    def camera(self) -> Camera:
-        """Camera of the source."""
-        return self._source.camera
-
-    @property
-    def camera_origin(self) -> str:
-        """Where the camera's numbers come from."""
-        return self._source.camera_origin
-
-    @property
-    def ground_truth(self) -> Trajectory | None:
-        """True poses of the source."""
-        return self._source.ground_truth
 
     @property
     def stamps(self) -> Sequence[str]:

@@ -242,40 +242,14 @@ class Renderer:
         )
         lamps, paint = _lamps(light), self.world.paint
         tile = _BAND if bool((poses[1:] == poses[:-1]).all()) else 1
+        view = tile, self._rays, self._pixel, poses, solids, paint, lamps, self._background
 
         def trace(first: int) -> None:
-            last = min(first + _BAND, size[0])
-            kernels.trace_rows(
-                first,
-                last,
-                tile,
-                self._rays,
-                self._pixel,
-                poses,
-                solids,
-                paint,
-                lamps,
-                self._background,
-                lit,
-                images,
-            )
+            kernels.trace_rows(first, min(first + _BAND, size[0]), *view, lit, images)
 
         def supersample(first: int) -> None:
             last = min(first + _BAND, size[0])
-            kernels.smooth_rows(
-                first,
-                last,
-                tile,
-                self._rays,
-                self._pixel,
-                poses,
-                solids,
-                paint,
-                lamps,
-                self._background,
-                self._samples,
-                images,
-            )
+            kernels.smooth_rows(first, last, *view, self._samples, images)
 
         self._share(trace)
         if lit and smooth and self._samples > 1:

@@ -4,21 +4,20 @@ Written against the SDK's interface and tested on stand-ins for it: never run on
 device undistorts colour and aligns depth to it.
 """
 
-import threading
 import time
 from collections.abc import Generator
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from edvo.camera import Camera
+from edvo.datasets.devices.driven import Driven
 from edvo.datasets.devices.noise import noise_of
 from edvo.datasets.devices.package import load_package
-from edvo.datasets.devices.waiting import Counter, images_of
+from edvo.datasets.devices.waiting import images_of
 from edvo.datasets.source import Reading
-from edvo.errors import DatasetError, FrameError
+from edvo.errors import FrameError
 from edvo.frame import Frame
 
 _WIDTH, _HEIGHT, _RATE = 640, 480, 30
@@ -26,7 +25,7 @@ _STEREO = (640, 400)
 _PAUSE_S = 0.002
 
 
-class Oak:
+class Oak(Driven):
     """An OAK camera; fulfils `edvo.datasets.devices.Device`.
 
     Parameters
@@ -45,36 +44,21 @@ class Oak:
     """
 
     format = "oak"
-    ground_truth = None
 
     def __init__(self, which: str = "", camera: Camera | None = None) -> None:
         self._sdk = sdk = load_package("depthai", "", "'depthai>=3'")
-        self._closed = threading.Event()
-        self._count = Counter()
-        self._pipeline: Any = None
-        try:
+        super().__init__(RuntimeError)
+        with self._starting(f"oak: {which or 'a camera'} is not connected or does not start"):
             device = sdk.Device(sdk.DeviceInfo(which)) if which else sdk.Device()
             self.name = f"OAK {device.getDeviceId()}"
             self.sensor = noise_of("OAK")
             self.path = Path(f"oak:{device.getDeviceId()}")
             self._pipeline = sdk.Pipeline(device)
+            self._stops.callback(self._pipeline.stop)
             self._queue = self._connect()
             self.camera_origin = "given" if camera else "the device"
             self.camera = camera or self._told(device)
             self._pipeline.start()
-        except RuntimeError as error:
-            self.close()
-            raise DatasetError(
-                f"oak: {which or 'a camera'} is not connected or does not start: {error}"
-            ) from error
-        except BaseException:
-            self.close()
-            raise
-
-    @property
-    def missed(self) -> int:
-        """Colour images so far whose number never came."""
-        return self._count.missed
 
     def readings(self) -> Generator[Reading, None, None]:
         """Wait for each pair of images."""
@@ -85,14 +69,6 @@ class Oak:
                 continue
             yield self._reading(index, colour, both["depth"])
             index += 1
-
-    def close(self) -> None:
-        """Stop the camera."""
-        self._closed.set()
-        pipeline, self._pipeline = self._pipeline, None
-        if pipeline is not None:
-            with suppress(RuntimeError):  # unplugged
-                pipeline.stop()
 
     def _connect(self) -> Any:
         """Lay out what the device computes; gives the queue of its results."""

@@ -3,7 +3,6 @@
 Written against the SDK's interface and tested on stand-ins for it: never run on a device.
 """
 
-import threading
 from collections.abc import Generator
 from contextlib import suppress
 from pathlib import Path
@@ -13,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edvo.camera import Camera
+from edvo.datasets.devices.driven import Driven
 from edvo.datasets.devices.noise import noise_of
 from edvo.datasets.devices.package import load_package
-from edvo.datasets.devices.waiting import WAIT_MS, Counter, images_of
+from edvo.datasets.devices.waiting import WAIT_MS, images_of
 from edvo.datasets.images import decode_image
 from edvo.datasets.ros_camera import camera_from_info
 from edvo.datasets.ros_messages import CameraInfo, Header
@@ -26,7 +26,7 @@ from edvo.frame import Frame
 _WIDTH, _RATE = 640, 30
 
 
-class Orbbec:
+class Orbbec(Driven):
     """An Orbbec camera; fulfils `edvo.datasets.devices.Device`.
 
     Parameters
@@ -45,14 +45,11 @@ class Orbbec:
     """
 
     format = "orbbec"
-    ground_truth = None
 
     def __init__(self, serial: str = "", camera: Camera | None = None) -> None:
         self._sdk = sdk = load_package("pyorbbecsdk", "", "pyorbbecsdk2")
-        self._closed = threading.Event()
-        self._count = Counter()
-        self._pipeline: Any = None
-        try:
+        super().__init__(sdk.OBError)
+        with self._starting(f"orbbec: {serial or 'the camera'} does not start"):
             devices = sdk.Context().query_devices()
             if not devices.get_count():
                 raise DatasetError("orbbec: no camera is connected; plug it into a USB 3 port")
@@ -66,19 +63,6 @@ class Orbbec:
             self.sensor = noise_of(info.get_name())
             self.path = Path(f"orbbec:{info.get_serial_number()}")
             self._start(device, camera)
-        except sdk.OBError as error:
-            self.close()
-            raise DatasetError(
-                f"orbbec: {serial or 'the camera'} does not start: {error}"
-            ) from error
-        except BaseException:
-            self.close()
-            raise
-
-    @property
-    def missed(self) -> int:
-        """Colour images so far whose number never came."""
-        return self._count.missed
 
     def readings(self) -> Generator[Reading, None, None]:
         """Wait for each pair of images."""
@@ -96,14 +80,6 @@ class Orbbec:
             yield self._reading(index, colour, depth)
             index += 1
 
-    def close(self) -> None:
-        """Stop the camera."""
-        self._closed.set()
-        pipeline, self._pipeline = self._pipeline, None
-        if pipeline is not None:
-            with suppress(self._sdk.OBError):  # unplugged
-                pipeline.stop()
-
     def _start(self, device: Any, camera: Camera | None) -> None:
         sdk = self._sdk
         pipeline, config = sdk.Pipeline(device), sdk.Config()
@@ -118,6 +94,7 @@ class Orbbec:
         pipeline.enable_frame_sync()
         pipeline.start(config)
         self._pipeline = pipeline
+        self._stops.callback(pipeline.stop)
 
     def _colour_profile(self, pipeline: Any) -> Any:
         sdk = self._sdk

@@ -3,7 +3,6 @@
 Depth is aligned to colour by the SDK; the camera's numbers are the device's own.
 """
 
-import threading
 from collections.abc import Generator
 from pathlib import Path
 from typing import Any, Literal
@@ -11,9 +10,10 @@ from typing import Any, Literal
 import numpy as np
 
 from edvo.camera import Camera
+from edvo.datasets.devices.driven import Driven
 from edvo.datasets.devices.noise import noise_of
 from edvo.datasets.devices.package import load_package
-from edvo.datasets.devices.waiting import WAIT_MS, Counter, images_of
+from edvo.datasets.devices.waiting import WAIT_MS, images_of
 from edvo.datasets.realsense_camera import realsense_camera
 from edvo.datasets.source import Reading
 from edvo.errors import DatasetError, FrameError
@@ -58,7 +58,7 @@ def open_realsense(serial: str, camera: Camera | None) -> "RealSense":
     return RealSense(devices[serials.index(serial) if serial else 0], camera=camera)
 
 
-class RealSense:
+class RealSense(Driven):
     """A RealSense camera; fulfils `edvo.datasets.devices.Device`.
 
     Parameters
@@ -75,9 +75,9 @@ class RealSense:
     """
 
     format = "realsense"
-    ground_truth = None
 
     def __init__(self, device: Any, *, camera: Camera | None = None) -> None:
+        super().__init__(RuntimeError)
         self._sdk = load_package("pyrealsense2", "realsense")
         info = self._sdk.camera_info
         parts = [
@@ -89,24 +89,8 @@ class RealSense:
         self.sensor = noise_of(parts[0] if parts else "")
         self.path = Path("realsense" + (f":{parts[1]}" if len(parts) > 1 else ""))
         self._device = device  # its sensors live as long as it does
-        self._closed = threading.Event()
-        self._count = Counter()
-        self._running: list[Any] = []
-        try:
+        with self._starting(f"{self.name} does not start", "; see that no other program has it"):
             self._start(camera)
-        except RuntimeError as error:
-            self.close()
-            raise DatasetError(
-                f"{self.name} does not start: {error}; see that no other program has it"
-            ) from error
-        except BaseException:
-            self.close()
-            raise
-
-    @property
-    def missed(self) -> int:
-        """Colour images so far whose number never came."""
-        return self._count.missed
 
     def readings(self) -> Generator[Reading, None, None]:
         """Wait for each pair of images."""
@@ -123,17 +107,6 @@ class RealSense:
     def _take(self) -> Any:
         came, images = self._syncer.try_wait_for_frames(WAIT_MS)
         return images if came else None
-
-    def close(self) -> None:
-        """Stop the camera."""
-        self._closed.set()
-        for sensor in self._running:
-            try:
-                sensor.stop()
-                sensor.close()
-            except RuntimeError:
-                pass  # unplugged
-        self._running = []
 
     def _start(self, camera: Camera | None) -> None:
         sdk = self._sdk
@@ -177,7 +150,8 @@ class RealSense:
 
     def _run(self, sensor: Any, profiles: list[Any]) -> None:
         sensor.open(profiles)
-        self._running.append(sensor)
+        self._stops.callback(sensor.close)
+        self._stops.callback(sensor.stop)
         sensor.start(self._syncer)
 
     def _reading(self, index: int, images: Any) -> Reading:

@@ -3,13 +3,11 @@
 import time
 from collections.abc import Callable, Generator, Iterator
 from contextlib import closing
-from pathlib import Path
 
-from edvo.camera import Camera
+from edvo.datasets.derived import Derived
 from edvo.datasets.readahead import read_ahead
 from edvo.datasets.source import Reading, Source
 from edvo.errors import DatasetError
-from edvo.trajectory import Trajectory
 
 # A frame that is so late already is not decoded any more: a camera would not have waited.
 _LATE_S = 0.05
@@ -17,7 +15,7 @@ _WORKERS = 2
 _AHEAD = 4
 
 
-class Replay:
+class Replay(Derived):
     """Delivers the frames of a recording at the pace at which they were taken.
 
     Parameters
@@ -48,7 +46,7 @@ class Replay:
     ) -> None:
         if not rate > 0.0:
             raise DatasetError(f"{source.path}: rate is {rate}; give seconds a second, above 0")
-        self._source = source
+        super().__init__(source)
         self._now, self._wait = now, wait
         self._due = (source.timestamps - source.timestamps[0]) / rate
         self._missed = 0
@@ -57,26 +55,6 @@ class Replay:
     def name(self) -> str:
         """Name of the recording."""
         return self._source.name
-
-    @property
-    def path(self) -> Path:
-        """Where the recording lies."""
-        return self._source.path
-
-    @property
-    def camera(self) -> Camera:
-        """Its camera."""
-        return self._source.camera
-
-    @property
-    def camera_origin(self) -> str:
-        """Where the camera's numbers come from."""
-        return self._source.camera_origin
-
-    @property
-    def ground_truth(self) -> Trajectory | None:
-        """Its true poses, if it has any."""
-        return self._source.ground_truth
 
     @property
     def missed(self) -> int:
