@@ -169,6 +169,7 @@ def test_an_image_that_was_lost_is_lost_again(room):
     for k in range(3):
         result = odometry.track(Frame(11 + k * PERIOD, turned, frames[0].depth))
         assert result.status is Status.LOST
+        assert not k or result.reason == "the same image as before, which had no pose"
 
 
 def test_frozen_from_the_start(room):

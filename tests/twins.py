@@ -287,8 +287,8 @@ def align(edges, points, gradients, camera, T, robust_criterion, normal_criterio
             signed = solver.residual == kernels.SIGNED
             return warp_and_match(edges, few, turned, camera, pose, criterion, signed)
 
-        def loss(seen, sigma, limit=criterion.limit, n=len(few)):
-            return mean_cost(seen.residuals, n, sigma, limit, function, solver.tuning)
+        def loss(seen, sigma, limit=criterion.limit, few=few):
+            return mean_cost(seen.residuals, len(few), sigma, limit, function, solver.tuning)
 
         now, damping, rejections, accepted = look(T), solver.damping, 0, True
         while iterations < solver.max_iterations:

@@ -1332,7 +1332,16 @@ def align(
         taken = (n + every - 1) // every
         matches.bound[:] = 0  # what held under one criterion need not under another
         count = warp_and_match(
-            grid, points, gradients, every, camera, T, criterion, solver.residual, matches, residuals
+            grid,
+            points,
+            gradients,
+            every,
+            camera,
+            T,
+            criterion,
+            solver.residual,
+            matches,
+            residuals,
         )
         if m > 0:
             near_count = match_planes(planes, surface, camera, T, term, near)

@@ -274,12 +274,15 @@ class Odometry:
         age = timestamp - self._sight_time
         if age < SHORTEST_PERIOD_S:  # stamps that stand still, or go back
             age = self._repeated * NOMINAL_PERIOD_S
-        if self._keyframe is None or not self._sight_found or age > FREEZE_S:
-            reason = f"the same image for {age:.2f} s: the stream is frozen"
-            return self._lose(timestamp, reason, 0, 0, None)
         reason = "the same image as before"
-        index, T_key_cur = self._keyframe.index, self._T_key_last
-        return self._keep(timestamp, Status.DEGRADED, reason, T_key_cur, index)
+        if age > FREEZE_S:
+            reason = f"the same image for {age:.2f} s: the stream is frozen"
+        elif self._keyframe is None or not self._sight_found:
+            reason += ", which had no pose"
+        else:
+            index, T_key_cur = self._keyframe.index, self._T_key_last
+            return self._keep(timestamp, Status.DEGRADED, reason, T_key_cur, index)
+        return self._lose(timestamp, reason, 0, 0, None)
 
     def _is_long_lost(self, timestamp: float) -> bool:
         """Whether it has been lost for so long that it may be anywhere it was before."""
