@@ -11,6 +11,7 @@ from edvo import kernels, se3
 from edvo.camera import Camera
 from edvo.clock import Clock, StageClock, no_clock
 from edvo.config import Config
+from edvo.depth_alone import DepthAlone
 from edvo.edges import EdgeBuffers, extract_edges
 from edvo.errors import FrameError, TrajectoryError
 from edvo.frame import Frame
@@ -38,6 +39,7 @@ RECOVERY_PERIOD_S = 0.15  # then it is held against the stored keyframes no more
 LONG_LOST_S, LONG_LOST_FRAMES = 0.3, 3
 CONFLICT_S = 1.0  # after one, a pose is no better than the way that led to it
 FREEZE_S = 0.3  # for so long images may repeat: a recorder wrote one twice
+FADING_S = 0.5  # that a velocity lasts which nothing confirms, where depth alone goes on
 SIGHT_STRIDE = 8  # one pixel in so many, by row and column, tells whether an image is a new one
 NOMINAL_PERIOD_S = 1 / 30  # stands in where stamps repeat, all but repeat, or go back
 
@@ -134,6 +136,7 @@ class Odometry:
         )
         self._fitter = PlaneFitter(camera, self.config.planes)
         self._uncertainty = Uncertainty(camera, self.config, self._registration.solver)
+        self._depth_alone = DepthAlone(camera, self.config, self._fitter.term, self._uncertainty)
         self._witness = Witness(camera, self.config.planes.sensor)
         self.reset()
 
@@ -160,6 +163,9 @@ class Odometry:
         self._last_time: float | None = None
         self._last_recovery = -math.inf
         self._losses = 0  # frames in a row
+        self._T_world_seen = start  # of the last frame that edges were registered of
+        self._seen_time: float | None = None  # its time, where depth alone has gone on from there
+        self._bare_depth = np.empty((0, 0), np.float32)  # of the last frame without edges
         self._sight = np.empty((0, 0), np.uint8)  # of the last image
         self._sight_time = -math.inf
         self._repeated = 0
@@ -214,7 +220,11 @@ class Odometry:
             )
         if len(samples) < config.registration.min_matches:
             reason = f"{len(samples)} edges with depth; {config.registration.min_matches} needed"
-            return self._lose(frame.timestamp, reason, len(edges), len(samples), None)
+            if not self._may_follow_depth(frame):
+                return self._lose(frame.timestamp, reason, len(edges), len(samples), None)
+            with clock("planes"):
+                points = self._fitter.points(frame.depth)
+            return self._follow_depth(Seen(frame, edges, samples, points), reason)
         with clock("planes"):
             points = self._fitter.points(frame.depth)
         seen = Seen(frame, edges, samples, points)
@@ -234,6 +244,11 @@ class Odometry:
             with clock("search"):
                 alignment = self._search.around(key, self._T_key_last, seen, alignment)
             status, reason = self._assess(alignment, frame.timestamp)
+        if self._is_adrift(frame.timestamp):
+            if status is Status.LOST or not self._judge.is_sure(alignment):
+                with clock("recovery"):
+                    return self._find_back(seen)
+            self._witness.forget()  # it saw from where the camera was not
         if status is not Status.LOST and config.status.max_conflict:
             with clock("witness"):
                 status, reason = self._question(seen, alignment, status, reason)
@@ -280,9 +295,75 @@ class Odometry:
         index, T_key_cur = self._keyframe.index, self._T_key_last
         return self._keep(timestamp, Status.DEGRADED, reason, T_key_cur, index)
 
+    def _may_follow_depth(self, frame: Frame) -> bool:
+        """Whether depth alone may say where a frame without edges is: not from nothing."""
+        sight = frame.depth[::SIGHT_STRIDE, ::SIGHT_STRIDE].copy()
+        fresh = not np.array_equal(sight, self._bare_depth)  # to the bit: depth is frozen
+        self._bare_depth = sight
+        planes = self.config.planes
+        wanted = self._fitter.is_on and planes.alone_share > 0 and self._keyframe is not None
+        return wanted and fresh and self._period(frame.timestamp) <= LONGEST_PREDICTION_S
+
+    def _follow_depth(self, seen: Seen, few: str) -> TrackedFrame:
+        """Go on by depth alone, where it fits the keyframe's; the frame is degraded, or lost."""
+        assert self._keyframe is not None
+        key, timestamp = self._keyframe, seen.frame.timestamp
+        period = self._period(timestamp)
+        with self._clock("registration"):
+            start = self._T_key_last
+            if self.config.motion.prior == "constant-velocity":
+                # That of the last frames with edges is poor where they had few, as walls do.
+                velocity = self._cruise if self._seen_time is None else self._velocity
+                start = start @ se3.exp(velocity * math.exp(-period / FADING_S) * period)
+            alignment, covariance = self._depth_alone.align(key, seen.samples, seen.points, start)
+        T_last_cur = se3.inverse(self._T_key_last) @ alignment.T_ref_cur
+        reason = self._judge.judge_alone(
+            alignment, len(seen.points.sigma), *_speed(T_last_cur, period)
+        )
+        loose = tuple(describe(way) for way in degenerate_directions(covariance))
+        status = Status.LOST
+        if not reason and len(loose) == 6:
+            reason = "depth constrains nothing"
+        elif not reason:
+            status = Status.DEGRADED
+            reason = f"not constrained: {', '.join(loose)}" if loose else "depth alone"
+            if self.config.status.max_conflict:
+                with self._clock("witness"):
+                    status, reason = self._question(seen, alignment, status, reason)
+        reason = f"{few}; {reason}"
+        if status is Status.LOST:
+            return self._lose(timestamp, reason, len(seen.edges), len(seen.samples), alignment)
+        if self._seen_time is None:
+            self._seen_time = self._last_time
+        self._last_time = timestamp
+        self._velocity = se3.log(T_last_cur) / period
+        self._T_key_last = alignment.T_ref_cur
+        self._T_world_last = key.T_world_key @ alignment.T_ref_cur
+        return self._keep(
+            timestamp,
+            status,
+            reason,
+            alignment.T_ref_cur,
+            key.index,
+            seen=seen,
+            alignment=alignment,
+            covariance=covariance,
+            degenerate=loose,
+        )
+
+    def _unseen(self, timestamp: float) -> float:
+        """Seconds since edges last said where it is."""
+        period = self._period(timestamp)
+        return period if self._seen_time is None else max(period, timestamp - self._seen_time)
+
+    def _is_adrift(self, timestamp: float) -> bool:
+        """Whether depth alone has carried it for so long that edges must be sure."""
+        return self._seen_time is not None and self._unseen(timestamp) > LONG_LOST_S
+
     def _is_long_lost(self, timestamp: float) -> bool:
         """Whether it has been lost for so long that it may be anywhere it was before."""
-        long = self._losses >= LONG_LOST_FRAMES and self._period(timestamp) > LONG_LOST_S
+        enough = LONG_LOST_FRAMES if self._seen_time is None else 1
+        long = self._losses >= enough and self._unseen(timestamp) > LONG_LOST_S
         return long and len(self._store) > 0
 
     def _find_back(self, seen: Seen) -> TrackedFrame:
@@ -291,16 +372,17 @@ class Odometry:
         timestamp, reason = seen.frame.timestamp, "lost; looks like no place seen before"
         if abs(timestamp - self._last_recovery) >= RECOVERY_PERIOD_S:
             self._last_recovery = timestamp
-            gap = self._period(timestamp)
-            on = min(gap, LONGEST_GAP_S)
+            gap = self._unseen(timestamp)
+            last, seen_last = min(self._period(timestamp), LONGEST_GAP_S), min(gap, LONGEST_GAP_S)
             expected = [
-                self._T_world_last @ se3.exp(velocity * on)
-                for velocity in (self._velocity, self._cruise)
+                self._T_world_last @ se3.exp(self._velocity * last),
+                self._T_world_seen @ se3.exp(self._cruise * seen_last),
             ]
             recovered = self._search.everywhere(self._store, self._keyframe, seen, expected, gap)
             if recovered is not None:
                 self._keyframe, alignment = recovered
                 self._T_key_last = alignment.T_ref_cur  # it has not moved, it was found
+                self._seen_time = None
                 return self._accept(seen, Status.TRACKED, "", alignment)
         return self._lose(timestamp, reason, len(seen.edges), len(seen.samples), None)
 
@@ -325,14 +407,15 @@ class Odometry:
         assert self._keyframe is not None
         keyframe, T_key_cur = self._keyframe, alignment.T_ref_cur
         timestamp = seen.frame.timestamp
-        period = self._period(timestamp)
+        T_last_cur, period = self._moved(T_key_cur, timestamp)
         self._last_time = timestamp
-        self._velocity = se3.log(se3.inverse(self._T_key_last) @ T_key_cur) / period
+        self._velocity = se3.log(T_last_cur) / period
         self._T_key_last = T_key_cur
         if status is Status.TRACKED:
             self._judge.note(alignment)
             self._cruise += (self._velocity - self._cruise) * min(period / CRUISE_S, 1.0)
-        self._T_world_last = keyframe.T_world_key @ T_key_cur
+        self._T_world_last = self._T_world_seen = keyframe.T_world_key @ T_key_cur
+        self._seen_time = None
         with self._clock("uncertainty"):
             covariance = self._covariance(keyframe, seen, alignment)
             degenerate = tuple(describe(way) for way in degenerate_directions(covariance))
@@ -480,11 +563,23 @@ class Odometry:
 
     def _assess(self, alignment: Alignment, timestamp: float) -> tuple[Status, str]:
         """Judge a registration by its evidence, and by how far it is from the last pose."""
-        T_last_cur = se3.inverse(self._T_key_last) @ alignment.T_ref_cur
-        period = self._period(timestamp)
-        speed = math.hypot(*T_last_cur[:3, 3].tolist()) / period
-        turn = math.degrees(se3.rotation_angle(T_last_cur)) / period
-        return self._judge.judge(alignment, speed, turn)
+        return self._judge.judge(alignment, *_speed(*self._moved(alignment.T_ref_cur, timestamp)))
+
+    def _moved(
+        self, T_key_cur: NDArray[np.float64], timestamp: float
+    ) -> tuple[NDArray[np.float64], float]:
+        """Motion since the last pose that edges gave, and the seconds that it took."""
+        if self._seen_time is None:
+            return se3.inverse(self._T_key_last) @ T_key_cur, self._period(timestamp)
+        assert self._keyframe is not None
+        T_world_cur = self._keyframe.T_world_key @ T_key_cur
+        return se3.inverse(self._T_world_seen) @ T_world_cur, self._unseen(timestamp)
+
+
+def _speed(T: NDArray[np.float64], seconds: float) -> tuple[float, float]:
+    """Of a motion: metres and degrees a second."""
+    distance = math.hypot(*T[:3, 3].tolist())
+    return distance / seconds, math.degrees(se3.rotation_angle(T)) / seconds
 
 
 def _checked(T: NDArray[np.float64]) -> NDArray[np.float64]:
