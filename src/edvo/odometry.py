@@ -381,8 +381,9 @@ class Odometry:
             recovered = self._search.everywhere(self._store, self._keyframe, seen, expected, gap)
             if recovered is not None:
                 self._keyframe, alignment = recovered
-                self._T_key_last = alignment.T_ref_cur  # it has not moved, it was found
-                self._seen_time = None
+                # It has not moved, it was found.
+                self._T_key_last = alignment.T_ref_cur
+                self._T_world_seen = self._keyframe.T_world_key @ alignment.T_ref_cur
                 return self._accept(seen, Status.TRACKED, "", alignment)
         return self._lose(timestamp, reason, len(seen.edges), len(seen.samples), None)
 
@@ -408,21 +409,24 @@ class Odometry:
         keyframe, T_key_cur = self._keyframe, alignment.T_ref_cur
         timestamp = seen.frame.timestamp
         T_last_cur, period = self._moved(T_key_cur, timestamp)
-        self._last_time = timestamp
         self._velocity = se3.log(T_last_cur) / period
         self._T_key_last = T_key_cur
         if status is Status.TRACKED:
             self._judge.note(alignment)
             self._cruise += (self._velocity - self._cruise) * min(period / CRUISE_S, 1.0)
-        self._T_world_last = self._T_world_seen = keyframe.T_world_key @ T_key_cur
-        self._seen_time = None
+        self._T_world_last = keyframe.T_world_key @ T_key_cur
         with self._clock("uncertainty"):
             covariance = self._covariance(keyframe, seen, alignment)
             degenerate = tuple(describe(way) for way in degenerate_directions(covariance))
+        found = not (degenerate and self._is_adrift(timestamp))
+        if found:  # else it may still have drifted along what is not constrained
+            self._T_world_seen, self._seen_time = self._T_world_last, None
+        self._last_time = timestamp
         if degenerate and status is Status.TRACKED:
             status, reason = Status.DEGRADED, f"not constrained: {', '.join(degenerate)}"
         share = alignment.inliers / len(seen.samples)
-        due = is_due(self.config.keyframes, T_key_cur, share, self._count - keyframe.index)
+        age = self._count - keyframe.index
+        due = found and is_due(self.config.keyframes, T_key_cur, share, age)
         if due:
             self._set_keyframe(seen)
         return self._keep(
