@@ -17,7 +17,9 @@ from edvo.planes import DepthTerm, PlanePoints, camera_of
 from edvo.registration import REASONS, Alignment
 from edvo.uncertainty import Uncertainty, constrained_directions, in_current_camera
 
-ROUNDS = 3  # what is constrained is asked anew this often, as residuals shrink
+# Least scales of the residuals, in units of the noise, one after the other. A plane that is alone
+# in saying something is not the median: from a bad start it must not be cut off as an outlier.
+SCALES = (8.0, 2.0, 0.5)
 STOP = 0.003  # of what may be off: a smaller step is not worth another
 
 
@@ -70,22 +72,19 @@ class DepthAlone:
         covariance : ndarray of float64, shape (6, 6)
             Of ``T_ref_cur``, as `Uncertainty.covariance` gives it.
         """
-        found = self._state(key, samples, points, T_key_start, 0, kernels.EXHAUSTED)
-        covariance = self._covariance(key, samples, points, found)
-        freedom = -1
-        for _ in range(ROUNDS):
+        T, iterations, reason = T_key_start, 0, kernels.EXHAUSTED
+        for scale in SCALES:
+            found = self._state(key, samples, points, T, scale, iterations, reason)
             if found.plane_points < self._term.min_points:
                 break
-            # Across the camera's own axes, not the keyframe's: as it tilts it stays in its place.
-            T = found.T_ref_cur
-            basis = se3.adjoint(T) @ constrained_directions(in_current_camera(covariance, T))
-            if basis.shape[1] in (0, freedom):
-                break
-            freedom = basis.shape[1]
-            T, steps, reason = self._descend(key, points, T, basis)
-            found = self._state(key, samples, points, T, found.iterations + steps, reason)
             covariance = self._covariance(key, samples, points, found)
-        return found, covariance
+            # Across the camera's own axes, not the keyframe's: as it tilts it stays in its place.
+            basis = se3.adjoint(T) @ constrained_directions(in_current_camera(covariance, T))
+            if basis.size:
+                T, steps, reason = self._descend(key, points, T, basis, scale)
+                iterations += steps
+        found = self._state(key, samples, points, T, SCALES[-1], iterations, reason)
+        return found, self._covariance(key, samples, points, found)
 
     def _descend(
         self,
@@ -93,6 +92,7 @@ class DepthAlone:
         points: PlanePoints,
         T: NDArray[np.float64],
         basis: NDArray[np.float64],
+        scale: float,
     ) -> tuple[NDArray[np.float64], int, int]:
         """Lower the cost along some directions, by damped Gauss-Newton steps."""
         limits, m = self._limits, len(points.sigma)
@@ -101,7 +101,7 @@ class DepthAlone:
         H, b = np.empty((6, 6)), np.empty(6)
         damping, rejections = limits.damping, 0
         for step in range(limits.max_iterations):
-            sigma = kernels.median_scale(near.residuals, count, kernels.MIN_PLANE_SIGMA)
+            sigma = kernels.median_scale(near.residuals, count, scale)
             cost = kernels.plane_cost(near, count, m, sigma)
             kernels.plane_equations(near, count, sigma, H, b)
             A = basis.T @ H @ basis
@@ -125,6 +125,7 @@ class DepthAlone:
         samples: EdgePixels,
         points: PlanePoints,
         T: NDArray[np.float64],
+        scale: float,
         iterations: int,
         reason: int,
     ) -> Alignment:
@@ -135,11 +136,10 @@ class DepthAlone:
         count, fitting = self._match(key, points, T, near), 0
         sigma, cost, H, b = 1.0, 0.0, np.zeros((6, 6)), np.empty(6)
         if count:
-            sigma = kernels.median_scale(near.residuals, count, kernels.MIN_PLANE_SIGMA)
+            sigma = kernels.median_scale(near.residuals, count, scale)
             kernels.plane_equations(near, count, sigma, H, b)
             cost = kernels.plane_cost(near, count, len(points.sigma), sigma) / len(points.sigma)
-            # Depth without noise fits to a hair: what is off by noise alone is still on its plane.
-            bound = kernels.TUKEY_TUNING * max(sigma, 1.0)
+            bound = kernels.TUKEY_TUNING * sigma
             fitting = int(np.count_nonzero(np.abs(near.residuals[:count]) < bound))
         if fitting < self._term.min_points:
             reason = kernels.TOO_FEW

@@ -39,6 +39,9 @@ RECOVERY_PERIOD_S = 0.15  # then it is held against the stored keyframes no more
 LONG_LOST_S, LONG_LOST_FRAMES = 0.3, 3
 CONFLICT_S = 1.0  # after one, a pose is no better than the way that led to it
 FREEZE_S = 0.3  # for so long images may repeat: a recorder wrote one twice
+HARDLY_ANY = 5  # times the fewest edges that can be registered: too few to doubt depth by
+NOWHERE = "lost; looks like no place seen before"
+UNSURE = "after a stretch without edges they fit no place for sure"
 FADING_S = 0.5  # that a velocity lasts which nothing confirms, where depth alone goes on
 SIGHT_STRIDE = 8  # one pixel in so many, by row and column, tells whether an image is a new one
 NOMINAL_PERIOD_S = 1 / 30  # stands in where stamps repeat, all but repeat, or go back
@@ -77,7 +80,7 @@ class TrackedFrame:
         T_true = exp([v, w]) T_key_cur. None where there was no registration or it failed.
     degenerate : tuple of str
         Motions in the keyframe's camera that neither edges nor depth noticed; the frame is then
-        at best ``DEGRADED``.
+        at best ``DEGRADED``. Along them a frame without edges is only predicted.
     """
 
     timestamp: float
@@ -200,7 +203,8 @@ class Odometry:
         -------
         TrackedFrame
             ``LOST`` where the registration failed; the frame is then left out of the trajectory
-            and the next one is registered with the same keyframe again.
+            and the next one is registered with the same keyframe again. ``DEGRADED`` where it has
+            hardly any edges and depth alone said where it is.
 
         Raises
         ------
@@ -219,12 +223,12 @@ class Odometry:
                 edges, frame.depth, self.camera, config.sampling, config.edges, seed
             )
         if len(samples) < config.registration.min_matches:
-            reason = f"{len(samples)} edges with depth; {config.registration.min_matches} needed"
+            few = f"{len(samples)} edges with depth; {config.registration.min_matches} needed"
             if not self._may_follow_depth(frame):
-                return self._lose(frame.timestamp, reason, len(edges), len(samples), None)
+                return self._lose(frame.timestamp, few, len(edges), len(samples), None)
             with clock("planes"):
-                points = self._fitter.points(frame.depth)
-            return self._follow_depth(Seen(frame, edges, samples, points), reason)
+                seen = Seen(frame, edges, samples, self._fitter.points(frame.depth))
+            return self._follow_depth(seen, few)
         with clock("planes"):
             points = self._fitter.points(frame.depth)
         seen = Seen(frame, edges, samples, points)
@@ -232,7 +236,10 @@ class Odometry:
             return self._begin(seen)
         if self._is_long_lost(frame.timestamp):
             with clock("recovery"):
-                return self._find_back(seen)
+                recovered = self._recover(seen)
+            if recovered is not None:
+                return recovered
+            return self._lose(frame.timestamp, NOWHERE, len(edges), len(samples), None)
         with clock("registration"):
             starts = self._starts(frame.timestamp)
             key = self._keyframe
@@ -244,11 +251,16 @@ class Odometry:
             with clock("search"):
                 alignment = self._search.around(key, self._T_key_last, seen, alignment)
             status, reason = self._assess(alignment, frame.timestamp)
-        if self._is_adrift(frame.timestamp):
-            if status is Status.LOST or not self._judge.is_sure(alignment):
-                with clock("recovery"):
-                    return self._find_back(seen)
-            self._witness.forget()  # it saw from where the camera was not
+        sure = status is not Status.LOST and self._judge.is_sure(alignment)
+        if not sure and self._is_adrift(frame.timestamp):
+            with clock("recovery"):
+                recovered = self._recover(seen)
+            if recovered is not None:
+                return recovered
+            status, reason = Status.LOST, UNSURE
+        hardly_any = len(samples) < HARDLY_ANY * config.registration.min_matches
+        if status is Status.LOST and hardly_any and self._may_follow_depth(frame):
+            return self._follow_depth(seen, reason)
         if status is not Status.LOST and config.status.max_conflict:
             with clock("witness"):
                 status, reason = self._question(seen, alignment, status, reason)
@@ -317,21 +329,22 @@ class Odometry:
                 start = start @ se3.exp(velocity * math.exp(-period / FADING_S) * period)
             alignment, covariance = self._depth_alone.align(key, seen.samples, seen.points, start)
         T_last_cur = se3.inverse(self._T_key_last) @ alignment.T_ref_cur
-        reason = self._judge.judge_alone(
+        misfit = self._judge.judge_alone(
             alignment, len(seen.points.sigma), *_speed(T_last_cur, period)
         )
         loose = tuple(describe(way) for way in degenerate_directions(covariance))
-        status = Status.LOST
-        if not reason and len(loose) == 6:
-            reason = "depth constrains nothing"
-        elif not reason:
-            status = Status.DEGRADED
-            reason = f"not constrained: {', '.join(loose)}" if loose else "depth alone"
-            if self.config.status.max_conflict:
-                with self._clock("witness"):
-                    status, reason = self._question(seen, alignment, status, reason)
-        reason = f"{few}; {reason}"
+        if not misfit and len(loose) == 6:
+            misfit = "depth constrains nothing"
+        reason = f"depth alone: {few}"
+        if loose:
+            reason += f"; not constrained: {', '.join(loose)}"
+        status = Status.LOST if misfit else Status.DEGRADED
+        # Where it may have drifted there is nothing to hold against the depth of a moment ago.
+        if not misfit and not loose and self.config.status.max_conflict:
+            with self._clock("witness"):
+                status, reason = self._question(seen, alignment, status, reason)
         if status is Status.LOST:
+            reason = f"{few}; {misfit or reason}"
             return self._lose(timestamp, reason, len(seen.edges), len(seen.samples), alignment)
         if self._seen_time is None:
             self._seen_time = self._last_time
@@ -366,10 +379,10 @@ class Odometry:
         long = self._losses >= enough and self._unseen(timestamp) > LONG_LOST_S
         return long and len(self._store) > 0
 
-    def _find_back(self, seen: Seen) -> TrackedFrame:
-        """Go on from a stored keyframe, if the frame is sure to fit one; else it is lost."""
+    def _recover(self, seen: Seen) -> TrackedFrame | None:
+        """Go on from a stored keyframe, if the frame is sure to fit one."""
         assert self._keyframe is not None
-        timestamp, reason = seen.frame.timestamp, "lost; looks like no place seen before"
+        timestamp = seen.frame.timestamp
         if abs(timestamp - self._last_recovery) >= RECOVERY_PERIOD_S:
             self._last_recovery = timestamp
             gap = self._unseen(timestamp)
@@ -385,7 +398,7 @@ class Odometry:
                 self._T_key_last = alignment.T_ref_cur
                 self._T_world_seen = self._keyframe.T_world_key @ alignment.T_ref_cur
                 return self._accept(seen, Status.TRACKED, "", alignment)
-        return self._lose(timestamp, reason, len(seen.edges), len(seen.samples), None)
+        return None
 
     def _check_size(self, frame: Frame) -> None:
         height, width = frame.grey.shape
