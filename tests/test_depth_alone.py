@@ -34,7 +34,8 @@ def wall(T_world_cam, timestamp, picture=None, seed=0):
     depth = z + rng.normal(0, 1, z.shape) * DEPTH_NOISE["kinect_v1"].sigma_z(z)
     grey = np.full(u.shape, 90, np.uint8)
     if picture is not None:
-        col, row = np.rint(T_world_cam[:2, 3] * CAMERA.fx / WALL_M).astype(int) + (160, 120)
+        middle = np.array([160, 120])
+        col, row = middle + np.rint(T_world_cam[:2, 3] * CAMERA.fx / WALL_M).astype(int)
         noisy = picture[row : row + CAMERA.height, col : col + CAMERA.width]
         grey = np.clip(noisy + rng.normal(0, 1, u.shape), 0, 255).astype(np.uint8)
     return Frame(timestamp, grey, depth.astype(np.float32))
@@ -68,11 +69,10 @@ def test_of_a_wall_distance_and_tilt_are_known_and_the_rest_is_said_not_to_be(po
         assert result.reason.startswith("depth alone: 0 edges with depth; 30 needed; not constr")
         assert result.degenerate == IN_PLANE
         assert not result.is_keyframe
-        # both planes as the camera at its pose has them: where they lie, and how they are turned
-        found, true = result.T_world_cam, T
-        tilt = np.arccos(min(1.0, found[2, :3] @ true[2, :3]))
-        distance = found[2, 3] - true[2, 3]
-        deviation = np.sqrt(np.diag(result.covariance))
+        # the wall's normal as either camera has it, and how far either is from the wall
+        tilt = np.arccos(min(1.0, result.T_world_cam[2, :3] @ T[2, :3]))
+        distance = result.T_world_cam[2, 3] - T[2, 3]
+        deviation = np.sqrt(np.diag(result.covariance))  # in the keyframe's camera, the world's
         assert (deviation[[0, 1, 5]] > 0.1).all()
         assert deviation[2] < 0.005
         assert (deviation[3:5] < np.radians(1.0)).all()
