@@ -249,7 +249,8 @@ def test_either_prior_follows(room, prior):
 def test_constant_velocity_predicts_lost_frames(room):
     frames, truth = room
     for prior, ahead in (("constant-velocity", True), ("still", False)):
-        odometry, results = track(frames[:15], f"motion.prior={prior}")
+        rules = (f"motion.prior={prior}", "planes.alone_share=0")
+        odometry, results = track(frames[:15], *rules)
         lost = odometry.track(blank(frames[15]))
         assert lost.status is Status.LOST
         stayed = problems.error(results[-1].T_world_cam, lost.T_world_cam)[0]
@@ -273,7 +274,7 @@ def test_a_prediction_does_not_run_away(room):
 @pytest.mark.parametrize("spoil", [blank, without_depth_at_edges, shuffled])
 def test_lost_and_found_again(room, spoil, caplog, capsys):
     frames, truth = room
-    odometry = make()
+    odometry = make("planes.alone_share=0")
     results = []
     with caplog.at_level(logging.DEBUG, logger="edvo"):
         for k, frame in enumerate(frames):
@@ -302,8 +303,8 @@ def test_lost_and_found_again(room, spoil, caplog, capsys):
 
 def test_why_it_is_lost(room):
     frames, _ = room
-    odometry, _ = track(frames[:3])
-    assert odometry.track(blank(frames[3])).reason.startswith("0 edges with depth; 30 needed")
+    odometry, _ = track(frames[:3], "planes.alone_share=0")
+    assert odometry.track(blank(frames[3])).reason == "0 edges with depth; 30 needed"
     result = odometry.track(without_depth_at_edges(frames[4]))
     assert result.edges > 500
     assert result.samples < 30

@@ -24,6 +24,7 @@ from edvo.uncertainty import (
     SHARES,
     Uncertainty,
     combine,
+    constrained_directions,
     degenerate_directions,
     describe,
     in_current_camera,
@@ -371,3 +372,16 @@ def test_errors_shared_by_neighbours_make_it_larger():
             np.sqrt(np.diag(gain @ parts[0] @ gain)) / np.sqrt(np.diag(gain)) / found.sigma_px
         )
     assert (volumes[1] > 1.3 * volumes[0]).all()
+
+
+def test_constrained_directions_are_those_that_are_not_degenerate():
+    rng = np.random.default_rng(0)
+    bounds = np.array([DEGENERATE_M] * 3 + [DEGENERATE_RAD] * 3)
+    Q = np.linalg.qr(rng.normal(size=(6, 6)))[0]
+    covariance = (Q * np.array([0.1, 0.5, 0.9, 1.1, 4.0, 900.0])) @ Q.T * np.outer(bounds, bounds)
+    basis = constrained_directions(covariance)
+    assert basis.shape == (6, 3)
+    np.testing.assert_allclose(np.abs(basis.T @ (Q[:, :3] / bounds[:, None])), np.eye(3), atol=1e-9)
+    assert len(degenerate_directions(covariance)) == 3
+    assert constrained_directions(np.eye(6)).shape == (6, 0)
+    assert constrained_directions(1e-8 * np.eye(6)).shape == (6, 6)

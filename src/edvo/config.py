@@ -233,6 +233,11 @@ class PlanesConfig(Section):
     min_points: Annotated[int, Field(ge=6)] = Field(
         default=50, description="with fewer points the term is left out"
     )
+    alone_share: Fraction = Field(
+        default=0.5,
+        description="a frame without edges goes on by depth alone, degraded, where this share of "
+        "its points lies on planes of the keyframe; 0: it is lost",
+    )
 
 
 class KeyframesConfig(Section):
@@ -502,7 +507,7 @@ PRESETS: dict[str, dict[str, Any]] = {
     "default": {},
     "paper": {
         "edges": {"strong_share": 0.0, "position": "pixel"},
-        "planes": {"weight": 0.0},
+        "planes": {"weight": 0.0, "alone_share": 0.0},
         "motion": {"search_deg": 0.0},
         "keyframes": {"stored": 0},
         "sampling": {"count": 450},

@@ -11,6 +11,7 @@ from edvo import kernels, se3
 from edvo.camera import Camera
 from edvo.clock import Clock, StageClock, no_clock
 from edvo.config import Config
+from edvo.depth_alone import DepthAlone
 from edvo.edges import EdgeBuffers, extract_edges
 from edvo.errors import FrameError, TrajectoryError
 from edvo.frame import Frame
@@ -38,6 +39,10 @@ RECOVERY_PERIOD_S = 0.15  # then it is held against the stored keyframes no more
 LONG_LOST_S, LONG_LOST_FRAMES = 0.3, 3
 CONFLICT_S = 1.0  # after one, a pose is no better than the way that led to it
 FREEZE_S = 0.3  # for so long images may repeat: a recorder wrote one twice
+HARDLY_ANY = 5  # times the fewest edges that can be registered: too few to doubt depth by
+NOWHERE = "lost; looks like no place seen before"
+UNSURE = "after a stretch without edges they fit no place for sure"
+FADING_S = 0.5  # that a velocity lasts which nothing confirms, where depth alone goes on
 SIGHT_STRIDE = 8  # one pixel in so many, by row and column, tells whether an image is a new one
 NOMINAL_PERIOD_S = 1 / 30  # stands in where stamps repeat, all but repeat, or go back
 
@@ -76,7 +81,7 @@ class TrackedFrame:
         where ``status.covariance`` is ``none``, as in the preset ``paper``.
     degenerate : tuple of str
         Motions in the keyframe's camera that neither edges nor depth noticed; the frame is then
-        at best ``DEGRADED``.
+        at best ``DEGRADED``. Along them a frame without edges is only predicted.
     """
 
     timestamp: float
@@ -135,6 +140,7 @@ class Odometry:
         )
         self._fitter = PlaneFitter(camera, self.config.planes)
         self._uncertainty = Uncertainty(camera, self.config, self._registration.solver)
+        self._depth_alone = DepthAlone(camera, self.config, self._fitter.term, self._uncertainty)
         self._witness = Witness(camera, self.config.planes.sensor)
         self.reset()
 
@@ -161,6 +167,9 @@ class Odometry:
         self._last_time: float | None = None
         self._last_recovery = -math.inf
         self._losses = 0  # frames in a row
+        self._T_world_seen = start  # of the last frame that edges were registered of
+        self._seen_time: float | None = None  # its time, where depth alone has gone on from there
+        self._bare_depth = np.empty((0, 0), np.float32)  # of the last frame without edges
         self._sight = np.empty((0, 0), np.uint8)  # of the last image
         self._sight_time = -math.inf
         self._repeated = 0
@@ -195,7 +204,8 @@ class Odometry:
         -------
         TrackedFrame
             ``LOST`` where the registration failed; the frame is then left out of the trajectory
-            and the next one is registered with the same keyframe again.
+            and the next one is registered with the same keyframe again. ``DEGRADED`` where it has
+            hardly any edges and depth alone said where it is.
 
         Raises
         ------
@@ -214,8 +224,12 @@ class Odometry:
                 edges, frame.depth, self.camera, config.sampling, config.edges, seed
             )
         if len(samples) < config.registration.min_matches:
-            reason = f"{len(samples)} edges with depth; {config.registration.min_matches} needed"
-            return self._lose(frame.timestamp, reason, len(edges), len(samples), None)
+            few = f"{len(samples)} edges with depth; {config.registration.min_matches} needed"
+            if not self._may_follow_depth(frame):
+                return self._lose(frame.timestamp, few, len(edges), len(samples), None)
+            with clock("planes"):
+                seen = Seen(frame, edges, samples, self._fitter.points(frame.depth))
+            return self._follow_depth(seen, few)
         with clock("planes"):
             points = self._fitter.points(frame.depth)
         seen = Seen(frame, edges, samples, points)
@@ -223,7 +237,10 @@ class Odometry:
             return self._begin(seen)
         if self._is_long_lost(frame.timestamp):
             with clock("recovery"):
-                return self._find_back(seen)
+                recovered = self._recover(seen)
+            if recovered is not None:
+                return recovered
+            return self._lose(frame.timestamp, NOWHERE, len(edges), len(samples), None)
         with clock("registration"):
             starts = self._starts(frame.timestamp)
             key = self._keyframe
@@ -235,6 +252,16 @@ class Odometry:
             with clock("search"):
                 alignment = self._search.around(key, self._T_key_last, seen, alignment)
             status, reason = self._assess(alignment, frame.timestamp)
+        sure = status is not Status.LOST and self._judge.is_sure(alignment)
+        if not sure and self._is_adrift(frame.timestamp):
+            with clock("recovery"):
+                recovered = self._recover(seen)
+            if recovered is not None:
+                return recovered
+            status, reason = Status.LOST, UNSURE
+        hardly_any = len(samples) < HARDLY_ANY * config.registration.min_matches
+        if status is Status.LOST and hardly_any and self._may_follow_depth(frame):
+            return self._follow_depth(seen, reason)
         if status is not Status.LOST and config.status.max_conflict:
             with clock("witness"):
                 status, reason = self._question(seen, alignment, status, reason)
@@ -284,29 +311,98 @@ class Odometry:
             return self._keep(timestamp, Status.DEGRADED, reason, T_key_cur, index)
         return self._lose(timestamp, reason, 0, 0, None)
 
+    def _may_follow_depth(self, frame: Frame) -> bool:
+        """Whether depth alone may say where a frame without edges is: not from nothing."""
+        sight = frame.depth[::SIGHT_STRIDE, ::SIGHT_STRIDE].copy()
+        fresh = not np.array_equal(sight, self._bare_depth)  # to the bit: depth is frozen
+        self._bare_depth = sight
+        planes = self.config.planes
+        wanted = self._fitter.is_on and planes.alone_share > 0 and self._keyframe is not None
+        return wanted and fresh and self._period(frame.timestamp) <= LONGEST_PREDICTION_S
+
+    def _follow_depth(self, seen: Seen, few: str) -> TrackedFrame:
+        """Go on by depth alone, where it fits the keyframe's; the frame is degraded, or lost."""
+        assert self._keyframe is not None
+        key, timestamp = self._keyframe, seen.frame.timestamp
+        period = self._period(timestamp)
+        with self._clock("registration"):
+            start = self._T_key_last
+            if self.config.motion.prior == "constant-velocity":
+                # That of the last frames with edges is poor where they had few, as walls do.
+                velocity = self._cruise if self._seen_time is None else self._velocity
+                start = start @ se3.exp(velocity * math.exp(-period / FADING_S) * period)
+            alignment, covariance = self._depth_alone.align(key, seen.samples, seen.points, start)
+        T_last_cur = se3.inverse(self._T_key_last) @ alignment.T_ref_cur
+        misfit = self._judge.judge_alone(
+            alignment, len(seen.points.sigma), *_speed(T_last_cur, period)
+        )
+        loose = tuple(describe(way) for way in degenerate_directions(covariance))
+        if not misfit and len(loose) == 6:
+            misfit = "depth constrains nothing"
+        reason = f"depth alone: {few}"
+        if loose:
+            reason += f"; not constrained: {', '.join(loose)}"
+        status = Status.LOST if misfit else Status.DEGRADED
+        # Where it may have drifted there is nothing to hold against the depth of a moment ago.
+        if not misfit and not loose and self.config.status.max_conflict:
+            with self._clock("witness"):
+                status, reason = self._question(seen, alignment, status, reason)
+        if status is Status.LOST:
+            reason = f"{few}; {misfit or reason}"
+            return self._lose(timestamp, reason, len(seen.edges), len(seen.samples), alignment)
+        if self._seen_time is None:
+            self._seen_time = self._last_time
+        self._last_time = timestamp
+        self._velocity = se3.log(T_last_cur) / period
+        self._T_key_last = alignment.T_ref_cur
+        self._T_world_last = key.T_world_key @ alignment.T_ref_cur
+        return self._keep(
+            timestamp,
+            status,
+            reason,
+            alignment.T_ref_cur,
+            key.index,
+            seen=seen,
+            alignment=alignment,
+            covariance=covariance,
+            degenerate=loose,
+        )
+
+    def _unseen(self, timestamp: float) -> float:
+        """Seconds since edges last said where it is."""
+        period = self._period(timestamp)
+        return period if self._seen_time is None else max(period, timestamp - self._seen_time)
+
+    def _is_adrift(self, timestamp: float) -> bool:
+        """Whether depth alone has carried it for so long that edges must be sure."""
+        return self._seen_time is not None and self._unseen(timestamp) > LONG_LOST_S
+
     def _is_long_lost(self, timestamp: float) -> bool:
         """Whether it has been lost for so long that it may be anywhere it was before."""
-        long = self._losses >= LONG_LOST_FRAMES and self._period(timestamp) > LONG_LOST_S
+        enough = LONG_LOST_FRAMES if self._seen_time is None else 1
+        long = self._losses >= enough and self._unseen(timestamp) > LONG_LOST_S
         return long and len(self._store) > 0
 
-    def _find_back(self, seen: Seen) -> TrackedFrame:
-        """Go on from a stored keyframe, if the frame is sure to fit one; else it is lost."""
+    def _recover(self, seen: Seen) -> TrackedFrame | None:
+        """Go on from a stored keyframe, if the frame is sure to fit one."""
         assert self._keyframe is not None
-        timestamp, reason = seen.frame.timestamp, "lost; looks like no place seen before"
+        timestamp = seen.frame.timestamp
         if abs(timestamp - self._last_recovery) >= RECOVERY_PERIOD_S:
             self._last_recovery = timestamp
-            gap = self._period(timestamp)
-            on = min(gap, LONGEST_GAP_S)
+            gap = self._unseen(timestamp)
+            last, seen_last = min(self._period(timestamp), LONGEST_GAP_S), min(gap, LONGEST_GAP_S)
             expected = [
-                self._T_world_last @ se3.exp(velocity * on)
-                for velocity in (self._velocity, self._cruise)
+                self._T_world_last @ se3.exp(self._velocity * last),
+                self._T_world_seen @ se3.exp(self._cruise * seen_last),
             ]
             recovered = self._search.everywhere(self._store, self._keyframe, seen, expected, gap)
             if recovered is not None:
                 self._keyframe, alignment = recovered
-                self._T_key_last = alignment.T_ref_cur  # it has not moved, it was found
+                # It has not moved, it was found.
+                self._T_key_last = alignment.T_ref_cur
+                self._T_world_seen = self._keyframe.T_world_key @ alignment.T_ref_cur
                 return self._accept(seen, Status.TRACKED, "", alignment)
-        return self._lose(timestamp, reason, len(seen.edges), len(seen.samples), None)
+        return None
 
     def _check_size(self, frame: Frame) -> None:
         height, width = frame.grey.shape
@@ -329,9 +425,8 @@ class Odometry:
         assert self._keyframe is not None
         keyframe, T_key_cur = self._keyframe, alignment.T_ref_cur
         timestamp = seen.frame.timestamp
-        period = self._period(timestamp)
-        self._last_time = timestamp
-        self._velocity = se3.log(se3.inverse(self._T_key_last) @ T_key_cur) / period
+        T_last_cur, period = self._moved(T_key_cur, timestamp)
+        self._velocity = se3.log(T_last_cur) / period
         self._T_key_last = T_key_cur
         if status is Status.TRACKED:
             self._judge.note(alignment)
@@ -343,10 +438,15 @@ class Odometry:
             with self._clock("uncertainty"):
                 covariance = self._covariance(keyframe, seen, alignment)
                 degenerate = tuple(describe(way) for way in degenerate_directions(covariance))
+        found = not (degenerate and self._is_adrift(timestamp))
+        if found:  # else it may still have drifted along what is not constrained
+            self._T_world_seen, self._seen_time = self._T_world_last, None
+        self._last_time = timestamp
         if degenerate and status is Status.TRACKED:
             status, reason = Status.DEGRADED, f"not constrained: {', '.join(degenerate)}"
         share = alignment.inliers / len(seen.samples)
-        due = is_due(self.config.keyframes, T_key_cur, share, self._count - keyframe.index)
+        age = self._count - keyframe.index
+        due = found and is_due(self.config.keyframes, T_key_cur, share, age)
         if due:
             self._set_keyframe(seen)
         return self._keep(
@@ -487,11 +587,23 @@ class Odometry:
 
     def _assess(self, alignment: Alignment, timestamp: float) -> tuple[Status, str]:
         """Judge a registration by its evidence, and by how far it is from the last pose."""
-        T_last_cur = se3.inverse(self._T_key_last) @ alignment.T_ref_cur
-        period = self._period(timestamp)
-        speed = math.hypot(*T_last_cur[:3, 3].tolist()) / period
-        turn = math.degrees(se3.rotation_angle(T_last_cur)) / period
-        return self._judge.judge(alignment, speed, turn)
+        return self._judge.judge(alignment, *_speed(*self._moved(alignment.T_ref_cur, timestamp)))
+
+    def _moved(
+        self, T_key_cur: NDArray[np.float64], timestamp: float
+    ) -> tuple[NDArray[np.float64], float]:
+        """Motion since the last pose that edges gave, and the seconds that it took."""
+        if self._seen_time is None:
+            return se3.inverse(self._T_key_last) @ T_key_cur, self._period(timestamp)
+        assert self._keyframe is not None
+        T_world_cur = self._keyframe.T_world_key @ T_key_cur
+        return se3.inverse(self._T_world_seen) @ T_world_cur, self._unseen(timestamp)
+
+
+def _speed(T: NDArray[np.float64], seconds: float) -> tuple[float, float]:
+    """Of a motion: metres and degrees a second."""
+    distance = math.hypot(*T[:3, 3].tolist())
+    return distance / seconds, math.degrees(se3.rotation_angle(T)) / seconds
 
 
 def _checked(T: NDArray[np.float64]) -> NDArray[np.float64]:

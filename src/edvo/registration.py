@@ -85,13 +85,13 @@ class Alignment:
         Inliers whose gradient is that of their match, to 45 degrees: where edges are dense, a
         neighbour is found near any pixel, but one that is turned alike only by chance.
     sigma_px : float
-        Scale of the residuals.
+        Scale of the residuals; 0 where depth was registered alone.
     plane_points : int
         Points of the depth image that lie near a plane of the reference.
     sigma_depth : float
         Scale of their distances, in units of the sensor's noise.
     depth_balance : float
-        What they counted against the edges; 0 where edges counted alone.
+        What they counted against the edges; 0 where edges counted alone, 1 where depth did.
     cost : float
         Mean robust loss.
     iterations : int

@@ -34,6 +34,7 @@ class Judge:
     def __init__(self, config: Config) -> None:
         self._status = config.status
         self._motion = config.motion
+        self._alone_share = config.planes.alone_share
         self._usual = math.inf  # the largest sigma_depth of late
 
     def note(self, alignment: Alignment) -> None:
@@ -63,7 +64,7 @@ class Judge:
         """
         if alignment.reason in FAILURES:
             return Status.LOST, alignment.reason
-        status, motion = self._status, self._motion
+        status = self._status
         fitting = alignment.inliers / len(alignment.matches)
         agreeing = alignment.agreeing / len(alignment.matches)
         few = f"only {fitting:.0%} of the samples fit"
@@ -72,8 +73,8 @@ class Judge:
             return Status.LOST, few
         if agreeing < status.min_agreeing:
             return Status.LOST, unlike
-        if speed > motion.max_speed_m_s or turn > motion.max_turn_deg_s:
-            return Status.LOST, f"implausible jump: {speed:.1f} m/s, {turn:.0f} deg/s"
+        if jump := self._jump(speed, turn):
+            return Status.LOST, jump
         doubt = ""
         if not alignment.converged:
             doubt = alignment.reason
@@ -83,10 +84,50 @@ class Judge:
             doubt = unlike
         if doubt and alignment.depth_balance and alignment.sigma_depth > status.max_depth_sigma:
             return Status.LOST, f"{doubt}, and depth contradicts the edges"
-        if not doubt and alignment.sigma_depth > max(status.depth_jump * self._usual, MILD_SIGMA):
-            times = alignment.sigma_depth / self._usual
-            doubt = f"depth is off the keyframe's by {times:.0f} times the usual"
+        if not doubt and alignment.sigma_depth > self._tolerated:
+            doubt = self._off(alignment)
         return (Status.DEGRADED, doubt) if doubt else (Status.TRACKED, "")
+
+    def judge_alone(self, alignment: Alignment, points: int, speed: float, turn: float) -> str:
+        """Say why a registration by depth alone is none.
+
+        Parameters
+        ----------
+        alignment : Alignment
+        points : int
+            Of the frame.
+        speed, turn : float
+            See `judge`.
+
+        Returns
+        -------
+        str
+            Empty where its pose may be kept, as that of a degraded frame.
+        """
+        if alignment.reason in FAILURES:
+            return "hardly a plane in its depth"
+        fitting = alignment.plane_points / points
+        if fitting < self._alone_share:
+            return f"only {fitting:.0%} of its depth lies on planes of the keyframe"
+        if alignment.sigma_depth > self._tolerated:
+            return self._off(alignment)
+        if alignment.sigma_depth > self._status.max_depth_sigma:
+            return f"its depth is off the planes by {alignment.sigma_depth:.0f} times the noise"
+        return self._jump(speed, turn) or ("" if alignment.converged else alignment.reason)
+
+    @property
+    def _tolerated(self) -> float:
+        """The largest sigma_depth that raises no doubt."""
+        return max(self._status.depth_jump * self._usual, MILD_SIGMA)
+
+    def _off(self, alignment: Alignment) -> str:
+        times = alignment.sigma_depth / self._usual
+        return f"depth is off the keyframe's by {times:.0f} times the usual"
+
+    def _jump(self, speed: float, turn: float) -> str:
+        if speed > self._motion.max_speed_m_s or turn > self._motion.max_turn_deg_s:
+            return f"implausible jump: {speed:.1f} m/s, {turn:.0f} deg/s"
+        return ""
 
     def is_sure(self, alignment: Alignment, *, seen_only: bool = False) -> bool:
         """Whether a registration is good enough to say where the camera is from nothing.

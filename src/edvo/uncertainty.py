@@ -104,7 +104,7 @@ class Uncertainty:
             self._noise.sigma_z(samples.depths),
             self._pinhole,
             self._solver,
-            alignment.sigma_px,
+            _scale(alignment),
             planes,
             points,
             term,
@@ -135,7 +135,12 @@ class Uncertainty:
             See `combine`.
         """
         H, blur, parts = self.parts(reference, samples, planes, points, term, alignment)
-        return combine(without_blur(H, blur), parts, alignment.sigma_px)
+        return combine(without_blur(H, blur), parts, _scale(alignment))
+
+
+def _scale(alignment: Alignment) -> float:
+    """What weights and scores are in units of; any will do where no edge has a residual."""
+    return alignment.sigma_px or 1.0
 
 
 def without_blur(H: NDArray[np.float64], blur: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -208,6 +213,24 @@ def in_current_camera(
     Ad = se3.adjoint(se3.inverse(T_key_cur))
     result: NDArray[np.float64] = Ad @ covariance @ Ad.T
     return result
+
+
+def constrained_directions(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Find the motions that a registration did notice.
+
+    Parameters
+    ----------
+    covariance : ndarray of float64, shape (6, 6)
+
+    Returns
+    -------
+    ndarray of float64, shape (6, K)
+        Twists [v, w] as columns, K of 0 to 6: across those of `degenerate_directions`, and each as
+        long as there is tolerated.
+    """
+    values, vectors = np.linalg.eigh(covariance / np.outer(_BOUNDS, _BOUNDS))
+    basis: NDArray[np.float64] = vectors[:, values <= 1] * _BOUNDS[:, None]
+    return basis
 
 
 def degenerate_directions(covariance: NDArray[np.float64]) -> NDArray[np.float64]:

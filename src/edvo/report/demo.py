@@ -212,6 +212,8 @@ def _words(name: str, record: FrameRecord) -> str:
         lines.append("new keyframe")
     elif record.status is Status.LOST:
         lines.append(record.reason)
+    elif found is not None and not found.matches:
+        lines.append(f"depth alone: {found.plane_points} points on planes")
     elif found is not None:
         lines.append(
             f"{found.inliers} of {record.samples} samples fit, sigma {found.sigma_px:.2f} px"

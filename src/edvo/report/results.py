@@ -116,7 +116,7 @@ def frames_csv(frames: Sequence[FrameRecord]) -> str:
                 "" if found is None else found.matches,
                 "" if found is None else found.inliers,
                 "" if found is None else found.agreeing,
-                "" if found is None else _number(found.sigma_px),
+                "" if found is None or not found.matches else _number(found.sigma_px),
                 "" if found is None else found.plane_points,
                 "" if found is None or not found.plane_points else _number(found.sigma_depth),
                 "" if found is None else _number(found.depth_balance),

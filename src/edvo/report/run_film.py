@@ -97,6 +97,8 @@ def caption(sight: Sight, begin: float) -> str:
     found = result.alignment
     if found is None:
         words.append("the first keyframe" if result.is_keyframe else "not registered")
+    elif not found.match_count:
+        words.append(f"{found.plane_points} points on planes of keyframe {result.keyframe}")
     else:
         words.append(
             f"{found.inliers} of {len(found.matches)} samples fit keyframe {result.keyframe}, "

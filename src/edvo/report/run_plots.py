@@ -45,7 +45,10 @@ def draw_timeline(run: Run) -> bytes:
         r.registration.inliers / r.samples if r.registration is not None and r.samples else np.nan
         for r in frames
     ]
-    scale = [np.nan if r.registration is None else r.registration.sigma_px for r in frames]
+    scale = [
+        r.registration.sigma_px if r.registration is not None and r.registration.matches else np.nan
+        for r in frames
+    ]
     _draw_curve(fit, times, 100 * np.array(share), "samples that fit (%)", worst=np.min)
     fit.set_ylim(0, 105)
     _draw_curve(sigma, times, np.array(scale), "sigma (px)", worst=np.max)

@@ -61,7 +61,8 @@ class Plots:
             self._plot(f"{ERROR}/translation_mm", 1e3 * error[0])
             self._plot(f"{ERROR}/rotation_deg", math.degrees(error[1]))
         if found is not None:
-            self._plot(f"{FIT}/sigma_px", found.sigma_px)
+            if found.matches:  # none where depth was registered alone
+                self._plot(f"{FIT}/sigma_px", found.sigma_px)
             self._plot(f"{FIT}/inliers", found.inliers / max(result.samples, 1))
             self._plot(ITERATIONS, found.iterations)
         if shot.track_s is not None:

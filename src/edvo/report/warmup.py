@@ -49,3 +49,5 @@ def warm_up(config: Config) -> None:
         # each a little lighter, so that none counts as the same image as before
         grey = np.ascontiguousarray(60 + 2 * index + 120 * bars, dtype=np.uint8)
         odometry.track(Frame(timestamp=index / 30.0, grey=grey, depth=depth))
+    # and darkness, where depth alone goes on
+    odometry.track(Frame(timestamp=0.1, grey=np.zeros_like(grey), depth=depth))

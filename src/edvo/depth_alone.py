@@ -1,0 +1,178 @@
+"""Depth alone: frames without edges, held to the planes of the keyframe.
+
+Not in the paper. A blank wall, or darkness, shows no edges, but depth is still measured. A wall
+says how far away the camera is and how it is tilted, the corner of a room says everything. Only
+what depth constrains is moved; in all else the camera stays where it was expected.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edvo import kernels, se3
+from edvo.camera import Camera
+from edvo.config import Config
+from edvo.edges import EdgePixels
+from edvo.keyframes import Keyframe
+from edvo.planes import DepthTerm, PlanePoints, camera_of
+from edvo.registration import REASONS, Alignment
+from edvo.uncertainty import Uncertainty, constrained_directions, in_current_camera
+
+# Least scales of the residuals, in units of the noise, one after the other. A plane that is alone
+# in saying something is not the median: from a bad start it must not be cut off as an outlier.
+SCALES = (8.0, 2.0, 0.5)
+STOP = 0.003  # of what may be off: a smaller step is not worth another
+
+
+class DepthAlone:
+    """Registers frames by their depth.
+
+    Parameters
+    ----------
+    camera : Camera
+        Of all frames.
+    config : Config
+        Its sections registration and planes.
+    term : DepthTerm
+        How points are compared with planes.
+    uncertainty : Uncertainty
+        Says what is constrained.
+    """
+
+    def __init__(
+        self, camera: Camera, config: Config, term: DepthTerm, uncertainty: Uncertainty
+    ) -> None:
+        self._pinhole = camera_of(camera)
+        self._limits = config.registration
+        self._term = term
+        self._uncertainty = uncertainty
+
+    def align(
+        self,
+        key: Keyframe,
+        samples: EdgePixels,
+        points: PlanePoints,
+        T_key_start: NDArray[np.float64],
+    ) -> tuple[Alignment, NDArray[np.float64]]:
+        """Find what depth says of the motion since a keyframe.
+
+        Parameters
+        ----------
+        key : Keyframe
+        samples : EdgePixels
+            N edges of the frame, which play no role, however few they are.
+        points : PlanePoints
+            Of the frame.
+        T_key_start : ndarray of float64, shape (4, 4)
+            Where the camera is expected.
+
+        Returns
+        -------
+        Alignment
+            Without matches of edges; ``too few matches`` where hardly a point has a plane.
+        covariance : ndarray of float64, shape (6, 6)
+            Of ``T_ref_cur``, as `Uncertainty.covariance` gives it.
+        """
+        T, iterations, reason = T_key_start, 0, kernels.EXHAUSTED
+        for scale in SCALES:
+            found = self._state(key, samples, points, T, scale, iterations, reason)
+            if found.plane_points < self._term.min_points:
+                break
+            covariance = self._covariance(key, samples, points, found)
+            # Across the camera's own axes, not the keyframe's: as it tilts it stays in its place.
+            basis = se3.adjoint(T) @ constrained_directions(in_current_camera(covariance, T))
+            if basis.size:
+                T, steps, reason = self._descend(key, points, T, basis, scale)
+                iterations += steps
+        found = self._state(key, samples, points, T, SCALES[-1], iterations, reason)
+        return found, self._covariance(key, samples, points, found)
+
+    def _descend(
+        self,
+        key: Keyframe,
+        points: PlanePoints,
+        T: NDArray[np.float64],
+        basis: NDArray[np.float64],
+        scale: float,
+    ) -> tuple[NDArray[np.float64], int, int]:
+        """Lower the cost along some directions, by damped Gauss-Newton steps."""
+        limits, m = self._limits, len(points.sigma)
+        near, tried = kernels.new_plane_matches(m), kernels.new_plane_matches(m)
+        count = self._match(key, points, T, near)
+        H, b = np.empty((6, 6)), np.empty(6)
+        damping, rejections = limits.damping, 0
+        for step in range(limits.max_iterations):
+            sigma = kernels.median_scale(near.residuals, count, scale)
+            cost = kernels.plane_cost(near, count, m, sigma)
+            kernels.plane_equations(near, count, sigma, H, b)
+            A = basis.T @ H @ basis
+            along = -np.linalg.solve(A + damping * np.diag(np.diag(A)), basis.T @ b)
+            trial = se3.exp(basis @ along) @ T
+            trial_count = self._match(key, points, trial, tried)
+            if kernels.plane_cost(tried, trial_count, m, sigma) < cost:
+                T, count, near, tried = trial, trial_count, tried, near
+                damping, rejections = damping * limits.damping_down, 0
+                if np.abs(along).max(initial=0.0) < STOP:
+                    return T, step + 1, kernels.CONVERGED
+            else:
+                damping, rejections = damping * limits.damping_up, rejections + 1
+                if rejections > limits.max_rejections:
+                    return T, step + 1, kernels.STALLED
+        return T, limits.max_iterations, kernels.EXHAUSTED
+
+    def _state(
+        self,
+        key: Keyframe,
+        samples: EdgePixels,
+        points: PlanePoints,
+        T: NDArray[np.float64],
+        scale: float,
+        iterations: int,
+        reason: int,
+    ) -> Alignment:
+        """What is found at a pose, as a registration without edges."""
+        near, n = kernels.new_plane_matches(len(points.sigma)), len(samples)
+        T = T.copy()
+        kernels.orthonormalize(T)
+        count, fitting = self._match(key, points, T, near), 0
+        sigma, cost, H, b = 1.0, 0.0, np.zeros((6, 6)), np.empty(6)
+        if count:
+            sigma = kernels.median_scale(near.residuals, count, scale)
+            kernels.plane_equations(near, count, sigma, H, b)
+            cost = kernels.plane_cost(near, count, len(points.sigma), sigma) / len(points.sigma)
+            bound = kernels.TUKEY_TUNING * sigma
+            fitting = int(np.count_nonzero(np.abs(near.residuals[:count]) < bound))
+        if fitting < self._term.min_points:
+            reason = kernels.TOO_FEW
+        return Alignment(
+            T_ref_cur=T,
+            H=H / sigma**2,
+            matches=np.full(n, kernels.NO_MATCH, np.int32),
+            residuals=np.full(n, np.nan),
+            inliers=0,
+            agreeing=0,
+            sigma_px=0.0,
+            plane_points=fitting,
+            sigma_depth=sigma,
+            depth_balance=1.0,
+            cost=cost,
+            iterations=iterations,
+            converged=reason in (kernels.CONVERGED, kernels.STALLED),
+            reason=REASONS[reason],
+            history=np.empty((0, kernels.HISTORY)),
+        )
+
+    def _match(
+        self,
+        key: Keyframe,
+        points: PlanePoints,
+        T: NDArray[np.float64],
+        near: kernels.PlaneMatches,
+    ) -> int:
+        return kernels.match_planes(key.planes, points, self._pinhole, T, self._term, near)
+
+    def _covariance(
+        self, key: Keyframe, samples: EdgePixels, points: PlanePoints, found: Alignment
+    ) -> NDArray[np.float64]:
+        return self._uncertainty.covariance(
+            key.edges, samples, key.planes, points, self._term, found
+        )
