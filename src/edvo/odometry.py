@@ -301,6 +301,7 @@ class Odometry:
             if recovered is not None:
                 self._keyframe, alignment = recovered
                 self._T_key_last = alignment.T_ref_cur  # it has not moved, it was found
+                self._witness.forget()  # what it saw from poses that were doubtful, or of a hand
                 return self._accept(seen, Status.TRACKED, "", alignment)
         return self._lose(timestamp, reason, len(seen.edges), len(seen.samples), None)
 

@@ -21,10 +21,11 @@ STRIDE = 4  # a search takes one sample in so many
 LOOP_M, LOOP_RAD = 0.03, math.radians(1.5)  # that a frame found again may be off, both ways
 DRIFT_M, DRIFT_M_S = 0.1, 0.5  # how far from where it is expected a lost camera may well be
 APART_M = 0.1  # poses nearer to each other are the same place
+LEAST_FIT = 0.6  # of the edges in view, one way times the other: less is no place at all
 SHARPNESS = 8  # a few more edges explained outweigh much of a way
 RIVAL = 0.6  # of the best fit: a place that fits so well cannot be told from it
 RIVALS = 3  # that are followed at most
-PLACES = 6  # that are looked at closely
+PLACES, SLIGHT = 6, 0.3  # that are looked at closely, unless few samples fit so much worse
 ASIDE_M = (0.2, 0.4, 0.8)  # steps, shelves, and doors repeat at about such distances
 SIDES = [sign * axis for axis in np.eye(3) for sign in (-1, 1)]
 
@@ -185,14 +186,17 @@ class Search:
         for key, start in starts:
             tried = self._register(key, few, seen.points, start)
             T_world_cam = key.T_world_key @ tried.T_ref_cur
-            if self._judge.is_sure(tried) and bound.away(T_world_cam) <= bound.farthest:
-                fit = agreement(tried, key.planes, seen.points) * bound.prior(T_world_cam)
+            fit = agreement(tried, key.planes, seen.points) * bound.prior(T_world_cam)
+            if fit > 0 and bound.away(T_world_cam) <= bound.farthest:
                 fits.append((fit, key, T_world_cam))
         fits.sort(key=lambda fit: -fit[0])
         chosen: list[tuple[Keyframe, NDArray[np.float64]]] = []
         taken = [place.T_world_cam for place in known]
-        for _, key, T_world_cam in fits:
-            if len(chosen) < PLACES and _is_apart(T_world_cam, taken):
+        least = SLIGHT * max(
+            [fit for fit, _, _ in fits] + [place.agreed for place in known], default=0
+        )
+        for fit, key, T_world_cam in fits:
+            if len(chosen) < PLACES and fit >= least and _is_apart(T_world_cam, taken):
                 taken.append(T_world_cam)
                 chosen.append((key, T_world_cam))
         return chosen
@@ -220,8 +224,12 @@ class Search:
                 edges, key.samples, T_cur_key[None], planes, key.points, self._fitter.term
             )
             fit = self._explained(found, seen.samples) * self._explained(back, key.samples)
+            if fit < LEAST_FIT:
+                continue
             worth = fit**SHARPNESS * bound.prior(T_world_cam)
-            places.append(_Place(worth, T_world_cam, key, found, self._is_loop(found, back)))
+            agreed = agreement(found, key.planes, seen.points)
+            loop = self._is_loop(found, back)
+            places.append(_Place(worth, T_world_cam, key, found, agreed, loop))
         return _distinct(places)
 
     def _explained(self, alignment: Alignment, samples: EdgePixels) -> float:
@@ -274,6 +282,7 @@ class _Place:
     T_world_cam: NDArray[np.float64]
     key: Keyframe
     found: Alignment
+    agreed: float
     both_ways: bool
 
 
