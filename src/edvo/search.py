@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from edvo.config import Config
 from edvo.edges import EdgeImage, EdgePixels
 from edvo.frame import Frame
 from edvo.keyframes import Keyframe, KeyframeStore
-from edvo.planes import PlaneFitter, PlanePoints
+from edvo.planes import DepthTerm, PlaneFitter, PlanePoints
 from edvo.registration import Alignment, Registration
 from edvo.status import Judge, agreement
 
@@ -21,7 +21,12 @@ STRIDE = 4  # a search takes one sample in so many
 LOOP_M, LOOP_RAD = 0.03, math.radians(1.5)  # that a frame found again may be off, both ways
 DRIFT_M, DRIFT_M_S = 0.1, 0.5  # how far from where it is expected a lost camera may well be
 APART_M = 0.1  # poses nearer to each other are the same place
-LEAST_FIT = 0.6  # of the edges in view, one way times the other: less is no place at all
+FINE_DEG, FINE = 4.0, (5, 2)  # turns of a far step, so many to either side, up and down
+LESS_DOUBT = 1 / 3  # times that of depth, where it may be out of step
+LEAST_FIT, FAR_FIT = (
+    0.6,
+    0.4,
+)  # of the edges in view, one way times the other: less is no place at all
 SHARPNESS = 8  # a few more edges explained outweigh much of a way
 RIVAL = 0.6  # of the best fit: a place that fits so well cannot be told from it
 RIVALS = 3  # that are followed at most
@@ -96,7 +101,7 @@ class Search:
         few, points = seen.samples.every(STRIDE), seen.points
         already = 0.0 if found is None else agreement(found, key.planes, points)
         best, most = None, already
-        for turn in self._turns():
+        for turn in _turns(self._config.motion.search_deg, 2, 1):
             tried = self._register(key, few, points, T_key_start @ turn)
             agreed = agreement(tried, key.planes, points)
             if agreed > most:
@@ -141,95 +146,128 @@ class Search:
         likest = store.likest(seen.edges.view(), self._config.keyframes.tried)
         starts += [(key, np.eye(4)) for key in likest]
         starts += self._rivals  # a doubt lasts until one of them no longer fits
-        turned = [(key, start @ turn) for key, start in starts for turn in self._turns()]
-        few = seen.samples.every(STRIDE)
-        farthest = self._config.motion.max_speed_m_s * gap_s
-        bound = _Bound(expected, DRIFT_M + DRIFT_M_S * gap_s, farthest)
-        places = self._look_closely(self._promising(turned, few, seen, bound, []), seen, bound)
-        if places:
-            best = places[0]
-            aside = [
-                (best.key, se3.inverse(best.key.T_world_key) @ _moved(best.T_world_cam, side * far))
-                for far in ASIDE_M
-                if far < 2 * bound.reach  # else it is worth too little
-                for side in SIDES
-            ]
-            others = self._promising(aside, few, seen, bound, places)
-            places = _distinct(places + self._look_closely(others, seen, bound))
-        rivals = [place for place in places if place.worth > RIVAL * places[0].worth]
+        hunt = self._hunt(seen, expected, gap_s)
+        turns = _turns(self._config.motion.search_deg, 2, 1)
+        turned = [(key, start @ turn) for key, start in starts for turn in turns]
+        rivals = self._with_rivals(hunt, self._look_closely(hunt, self._promising(hunt, turned)))
         self._rivals = [(place.key, place.found.T_ref_cur) for place in rivals[:RIVALS]]
         if len(rivals) != 1:
             return None
         self._rivals = []
-        best = places[0]
+        best = rivals[0]
         return (best.key, best.found) if best.both_ways else None
 
-    def _turns(self) -> list[NDArray[np.float64]]:
-        """What a camera may have turned by, in its own frame."""
-        angle = math.radians(self._config.motion.search_deg)
-        return [
-            se3.exp(np.array([0.0, 0.0, 0.0, pitch * angle, yaw * angle, 0.0]))
-            for yaw in (-2, -1, 0, 1, 2)
-            for pitch in (-1, 0, 1)
+    def farther(
+        self, key: Keyframe, T_key_start: NDArray[np.float64], seen: Seen, gap_s: float
+    ) -> Alignment | None:
+        """Look for a step that is too far for the judge: little may be in view of both.
+
+        Turns are tried more finely and more widely, and depth counts as it does and less: in a
+        fast turn it is out of step with the edges. What is found has to explain enough of what
+        both see, both ways, and nothing else may.
+
+        Parameters
+        ----------
+        key : Keyframe
+        T_key_start : ndarray of float64, shape (4, 4)
+            Where the camera was.
+        seen : Seen
+        gap_s : float
+            When, seconds ago.
+
+        Returns
+        -------
+        Alignment or None
+        """
+        T_world_start = key.T_world_key @ T_key_start
+        turned = [(key, T_key_start @ turn) for turn in _turns(FINE_DEG, *FINE)]
+        places: list[_Place] = []
+        hunt = self._hunt(seen, [T_world_start], gap_s)
+        for doubt in (1.0, LESS_DOUBT):
+            term = self._fitter.term._replace(doubt=self._fitter.term.doubt * doubt)
+            hunt = replace(hunt, term=term, must_be_sure=False, least_fit=FAR_FIT)
+            places += self._look_closely(hunt, self._promising(hunt, turned))
+        rivals = self._with_rivals(hunt, _distinct(places))
+        return rivals[0].found if len(rivals) == 1 and rivals[0].both_ways else None
+
+    def _hunt(self, seen: Seen, expected: Sequence[NDArray[np.float64]], gap_s: float) -> "_Hunt":
+        return _Hunt(
+            seen=seen,
+            few=seen.samples.every(STRIDE),
+            expected=expected,
+            reach=DRIFT_M + DRIFT_M_S * gap_s,
+            farthest=self._config.motion.max_speed_m_s * gap_s,
+            term=self._fitter.term,
+        )
+
+    def _with_rivals(self, hunt: "_Hunt", places: Sequence["_Place"]) -> list["_Place"]:
+        """Leave the best place and those that cannot be told from it, some of them beside it."""
+        if not places:
+            return []
+        best = places[0]
+        aside = [
+            (best.key, se3.inverse(best.key.T_world_key) @ _moved(best.T_world_cam, side * far))
+            for far in ASIDE_M
+            if far < 2 * hunt.reach  # else it is worth too little
+            for side in SIDES
         ]
+        others = self._look_closely(hunt, self._promising(hunt, aside, places))
+        places = _distinct([*places, *others])
+        return [place for place in places if place.worth > RIVAL * places[0].worth]
 
     def _promising(
         self,
+        hunt: "_Hunt",
         starts: Sequence[tuple[Keyframe, NDArray[np.float64]]],
-        few: EdgePixels,
-        seen: Seen,
-        bound: "_Bound",
-        known: Sequence["_Place"],
+        known: Sequence["_Place"] = (),
     ) -> list[tuple[Keyframe, NDArray[np.float64]]]:
         """Register few samples from each start; where they fit, best first, each place once."""
         fits = []
         for key, start in starts:
-            tried = self._register(key, few, seen.points, start)
+            tried = self._register(key, hunt.few, hunt.seen.points, start, hunt.term)
             T_world_cam = key.T_world_key @ tried.T_ref_cur
-            fit = agreement(tried, key.planes, seen.points) * bound.prior(T_world_cam)
-            if fit > 0 and bound.away(T_world_cam) <= bound.farthest:
+            fit = agreement(tried, key.planes, hunt.seen.points) * hunt.prior(T_world_cam)
+            if fit > 0 and hunt.away(T_world_cam) <= hunt.farthest:
                 fits.append((fit, key, T_world_cam))
         fits.sort(key=lambda fit: -fit[0])
+        best = max([fit for fit, _, _ in fits] + [place.agreed for place in known], default=0.0)
         chosen: list[tuple[Keyframe, NDArray[np.float64]]] = []
         taken = [place.T_world_cam for place in known]
-        least = SLIGHT * max(
-            [fit for fit, _, _ in fits] + [place.agreed for place in known], default=0
-        )
         for fit, key, T_world_cam in fits:
-            if len(chosen) < PLACES and fit >= least and _is_apart(T_world_cam, taken):
+            if len(chosen) < PLACES and fit >= SLIGHT * best and _is_apart(T_world_cam, taken):
                 taken.append(T_world_cam)
                 chosen.append((key, T_world_cam))
         return chosen
 
     def _look_closely(
-        self,
-        promising: Sequence[tuple[Keyframe, NDArray[np.float64]]],
-        seen: Seen,
-        bound: "_Bound",
+        self, hunt: "_Hunt", promising: Sequence[tuple[Keyframe, NDArray[np.float64]]]
     ) -> list["_Place"]:
         """Register all samples both ways; the places that stand this, the worthiest first."""
         if not promising:
             return []
+        seen = hunt.seen
         edges = self._registration.index(seen.edges.describe(self._camera))
         planes = self._fitter.planes(seen.frame.depth)
         places: list[_Place] = []
         for key, start in promising:
             T_key_start = se3.inverse(key.T_world_key) @ start
-            found = self._register(key, seen.samples, seen.points, T_key_start)
+            found = self._register(key, seen.samples, seen.points, T_key_start, hunt.term)
             T_world_cam = key.T_world_key @ found.T_ref_cur
-            if not self._judge.is_sure(found) or bound.away(T_world_cam) > bound.farthest:
+            if hunt.must_be_sure and not self._judge.is_sure(found):
                 continue
             T_cur_key = se3.inverse(found.T_ref_cur)
             back = self._registration.align(
-                edges, key.samples, T_cur_key[None], planes, key.points, self._fitter.term
+                edges, key.samples, T_cur_key[None], planes, key.points, hunt.term
             )
             fit = self._explained(found, seen.samples) * self._explained(back, key.samples)
-            if fit < LEAST_FIT:
+            if fit < hunt.least_fit or hunt.away(T_world_cam) > hunt.farthest:
                 continue
-            worth = fit**SHARPNESS * bound.prior(T_world_cam)
+            both_ways = _is_loop(found, back)
+            if hunt.must_be_sure:
+                both_ways = both_ways and self._judge.is_sure(back, seen_only=True)
+            worth = fit**SHARPNESS * hunt.prior(T_world_cam)
             agreed = agreement(found, key.planes, seen.points)
-            loop = self._is_loop(found, back)
-            places.append(_Place(worth, T_world_cam, key, found, agreed, loop))
+            places.append(_Place(worth, T_world_cam, key, found, agreed, both_ways))
         return _distinct(places)
 
     def _explained(self, alignment: Alignment, samples: EdgePixels) -> float:
@@ -241,29 +279,33 @@ class Search:
         ahead = points[:, 2] > 1e-6
         inside = ahead & (u > 0) & (v > 0) & (u < camera.width - 1) & (v < camera.height - 1)
         fits = np.abs(alignment.residuals) < self._config.status.inlier_px
-        return float(np.count_nonzero(fits & inside) / max(np.count_nonzero(inside), 1))
-
-    def _is_loop(self, found: Alignment, back: Alignment) -> bool:
-        """Whether the keyframe, registered with the frame, leads back to where it came from."""
-        T_loop = back.T_ref_cur @ found.T_ref_cur
-        apart, turned = math.hypot(*T_loop[:3, 3].tolist()), se3.rotation_angle(T_loop)
-        return self._judge.is_sure(back, seen_only=True) and apart < LOOP_M and turned < LOOP_RAD
+        return int(np.count_nonzero(fits & inside)) / max(int(np.count_nonzero(inside)), 1)
 
     def _register(
-        self, key: Keyframe, samples: EdgePixels, points: PlanePoints, start: NDArray[np.float64]
+        self,
+        key: Keyframe,
+        samples: EdgePixels,
+        points: PlanePoints,
+        start: NDArray[np.float64],
+        term: DepthTerm | None = None,
     ) -> Alignment:
         return self._registration.align(
-            key.edges, samples, start[None], key.planes, points, self._fitter.term
+            key.edges, samples, start[None], key.planes, points, term or self._fitter.term
         )
 
 
 @dataclass(frozen=True, slots=True)
-class _Bound:
-    """Where a lost camera may be: the poses expected, how far off it may well be, and at all."""
+class _Hunt:
+    """What is looked for, and where: near the poses expected, within reach, no farther at all."""
 
+    seen: Seen
+    few: EdgePixels
     expected: Sequence[NDArray[np.float64]]
     reach: float
     farthest: float
+    term: DepthTerm
+    must_be_sure: bool = True
+    least_fit: float = LEAST_FIT
 
     def away(self, T_world_cam: NDArray[np.float64]) -> float:
         """Metres from the nearest pose that is expected."""
@@ -284,6 +326,23 @@ class _Place:
     found: Alignment
     agreed: float
     both_ways: bool
+
+
+def _turns(step_deg: float, yaws: int, pitches: int) -> list[NDArray[np.float64]]:
+    """What a camera may have turned by, in its own frame: so many steps to either side."""
+    step = math.radians(step_deg)
+    return [
+        se3.exp(np.array([0.0, 0.0, 0.0, pitch * step, yaw * step, 0.0]))
+        for yaw in range(-yaws, yaws + 1)
+        for pitch in range(-pitches, pitches + 1)
+    ]
+
+
+def _is_loop(found: Alignment, back: Alignment) -> bool:
+    """Whether the keyframe, registered with the frame, leads back to where it came from."""
+    T_loop = back.T_ref_cur @ found.T_ref_cur
+    apart, turned = math.hypot(*T_loop[:3, 3].tolist()), se3.rotation_angle(T_loop)
+    return apart < LOOP_M and turned < LOOP_RAD
 
 
 def _moved(T: NDArray[np.float64], way: NDArray[np.float64]) -> NDArray[np.float64]:
