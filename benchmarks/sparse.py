@@ -4,8 +4,8 @@
 
 tracks a sequence of few frames a second twice: each two consecutive frames by themselves, and all
 of them in a row. A pair is within if its motion is within 5 cm and 2 degrees of the truth; a step
-of the run is the motion between two consecutive frames that both have a pose. Printed are how many are
-within, how many of the others say ``tracked`` or ``degraded``, and how many are lost.
+of the run is the motion between two consecutive frames that both have a pose. Printed are how many
+are within, how many of the others say ``tracked`` or ``degraded``, and how many are lost.
 """
 
 import argparse
@@ -61,9 +61,11 @@ def main() -> None:
     for name in arguments.only.split(","):
         source = open_source(arguments.data / name)
         readings = [source.read(i) for i in range(0, len(source), arguments.every)]
-        frames = [reading.frame for reading in readings if reading.frame is not None]
         reference = source.ground_truth
         assert reference is not None, f"{name} has no ground truth"
+        span = reference.timestamps[0], reference.timestamps[-1]
+        read = [reading.frame for reading in readings if reading.frame is not None]
+        frames = [frame for frame in read if span[0] <= frame.timestamp <= span[1]]
         truth = [reference.at(frame.timestamp) for frame in frames]
         for kind, steps in (
             ("pairs", pairs(source.camera, config, frames, truth)),
