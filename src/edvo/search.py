@@ -124,7 +124,7 @@ class Search:
         """Find the keyframe that the frame of a lost camera fits, beyond doubt and both ways.
 
         The last keyframe is tried from where the camera is expected, those that look like the
-        frame from where they are. A place far from where the camera is expected must fit better;
+        frame from there, too, and from where they are. A place far from where the camera is expected must fit better;
         and where things repeat, as steps and doors do, and two places fit, it is neither.
 
         Parameters
@@ -142,13 +142,14 @@ class Search:
         -------
         (Keyframe, Alignment) or None
         """
-        starts = [(last, se3.inverse(last.T_world_key) @ T_world_cam) for T_world_cam in expected]
         likest = store.likest(seen.edges.view(), self._config.keyframes.tried)
+        starts = [(last, se3.inverse(last.T_world_key) @ T_world_cam) for T_world_cam in expected]
         starts += [(key, np.eye(4)) for key in likest]
         starts += self._rivals  # a doubt lasts until one of them no longer fits
         hunt = self._hunt(seen, expected, gap_s)
         turns = _turns(self._config.motion.search_deg, 2, 1)
         turned = [(key, start @ turn) for key, start in starts for turn in turns]
+        turned += [(key, se3.inverse(key.T_world_key) @ T) for key in likest for T in expected]
         rivals = self._with_rivals(hunt, self._look_closely(hunt, self._promising(hunt, turned)))
         self._rivals = [(place.key, place.found.T_ref_cur) for place in rivals[:RIVALS]]
         if len(rivals) != 1:
