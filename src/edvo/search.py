@@ -124,8 +124,9 @@ class Search:
         """Find the keyframe that the frame of a lost camera fits, beyond doubt and both ways.
 
         The last keyframe is tried from where the camera is expected, those that look like the
-        frame from there, too, and from where they are. A place far from where the camera is expected must fit better;
-        and where things repeat, as steps and doors do, and two places fit, it is neither.
+        frame from there, too, and from where they are. A place far from there must fit better.
+        Where things repeat, as steps and doors do, more than one place fits; so others are
+        looked for beside the best, and if one cannot be told from it, it is neither.
 
         Parameters
         ----------
