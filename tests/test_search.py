@@ -1,12 +1,17 @@
 """Looking farther afield where a registration is in doubt."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from edvo import se3
 from edvo.config import Config
+from edvo.edges import extract_edges
 from edvo.frame import Frame
 from edvo.odometry import Odometry, Status
+from edvo.sampling import sample_edges
+from edvo.search import Seen, _Place
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
 from edvo.trajectory import Trajectory
 
@@ -29,12 +34,12 @@ def apart(tmp_path_factory):
     return source.camera, frames, truth
 
 
-def second(apart, *overrides):
+def second(apart, *overrides, after=0.5):
     camera, frames, truth = apart
     odometry = Odometry(camera, Config().with_overrides(overrides))
     odometry.track(frames[0])
     # a hand does not turn so far in a thirtieth of a second
-    result = odometry.track(Frame(frames[0].timestamp + 0.5, frames[1].grey, frames[1].depth))
+    result = odometry.track(Frame(frames[0].timestamp + after, frames[1].grey, frames[1].depth))
     off = se3.inverse(truth) @ result.T_key_cur
     return result, np.linalg.norm(off[:3, 3]), np.degrees(se3.rotation_angle(off))
 
@@ -93,6 +98,98 @@ def test_no_search_without_doubt(apart):
 
 def test_where_depth_contradicts_the_edges_a_doubtful_frame_is_lost(apart):
     strict = ["status.doubt_inliers=1.0", "status.max_depth_sigma=1e-3"]
-    result, *_ = second(apart, *strict)
+    result, *_ = second(apart, *strict, after=0.1)  # too soon for a far step
     assert result.status is Status.LOST
     assert "depth contradicts the edges" in result.reason
+
+
+@pytest.fixture(scope="module")
+def began(apart):
+    camera, frames, truth = apart
+    odometry = Odometry(camera)
+    odometry.track(frames[0])
+    edges = extract_edges(frames[1].grey, odometry.config.edges)
+    samples = sample_edges(
+        edges, frames[1].depth, camera, odometry.config.sampling, odometry.config.edges, 1
+    )
+    seen = Seen(frames[1], edges, samples, odometry._fitter.points(frames[1].depth))
+    return odometry, seen, truth
+
+
+def test_a_far_step_is_found_from_a_start_that_is_off(began):
+    odometry, seen, truth = began
+    turned = se3.exp(np.array([0.0, 0.0, 0.0, 0.0, np.radians(-7.0), 0.0]))
+    key = odometry._keyframe
+    from_there = odometry._registration.align(key.edges, seen.samples, turned[None])
+    assert np.linalg.norm((se3.inverse(truth) @ from_there.T_ref_cur)[:3, 3]) > 0.05
+    found = odometry._search.farther(key, turned, seen, 0.5)
+    off = se3.inverse(truth) @ found.T_ref_cur
+    assert np.linalg.norm(off[:3, 3]) < 0.01
+    assert np.degrees(se3.rotation_angle(off)) < 0.5
+
+
+def test_another_place_is_not_a_far_step(began):
+    odometry, _, _ = began
+    source = SyntheticSource(make_recipe("texture_near", frames=1, camera=odometry.camera))
+    frame, config = source.read(0).frame, odometry.config
+    edges = extract_edges(frame.grey, config.edges)
+    samples = sample_edges(edges, frame.depth, odometry.camera, config.sampling, config.edges, 1)
+    seen = Seen(frame, edges, samples, odometry._fitter.points(frame.depth))
+    assert odometry._search.farther(odometry._keyframe, np.eye(4), seen, 0.5) is None
+
+
+def test_of_edges_only_those_in_view_have_to_be_explained(began):
+    odometry, _, _ = began
+    key, search = odometry._keyframe, odometry._search
+    same = search._register(key, key.samples, key.points, np.eye(4))
+    assert search._explained(same, key.samples) > 0.99
+    half = se3.exp(np.array([0.0, 0.0, 0.0, 0.0, np.radians(25.0), 0.0]))  # half a view aside
+    residuals = np.zeros(len(key.samples))
+    camera = odometry.camera
+    points = key.samples.points(camera) @ half[:3, :3].T
+    u = camera.fx * points[:, 0] / points[:, 2] + camera.cx
+    residuals[u >= camera.width - 1] = 9.0
+    aside = replace(same, T_ref_cur=half, residuals=residuals)
+    assert np.isclose(search._explained(aside, key.samples), 1.0)
+    assert search._explained(replace(aside, residuals=residuals + 9.0), key.samples) == 0.0
+
+
+@pytest.mark.parametrize(("worth", "is_found"), [(0.9, False), (0.3, True)])
+def test_of_two_places_that_fit_neither_is_taken(began, monkeypatch, worth, is_found):
+    """One fits fully, the other, a metre away, by a share of that."""
+    odometry, seen, truth = began
+    key, search = odometry._keyframe, odometry._search
+    found = search._register(key, seen.samples, seen.points, truth)
+    elsewhere = truth.copy()
+    elsewhere[0, 3] += 1.0
+    places = [
+        _Place(1.0, truth, key, found, 0.8, True),
+        _Place(worth, elsewhere, key, replace(found, T_ref_cur=elsewhere), 0.8, True),
+    ]
+    monkeypatch.setattr(search, "_promising", lambda *given: [])
+    looked = iter([places[:1], places[1:]])  # the second one is found beside the first
+    monkeypatch.setattr(search, "_look_closely", lambda *given: next(looked))
+    result = search.everywhere(odometry._store, key, seen, [np.eye(4)], 1.0)
+    assert (result is not None) == is_found
+    assert len(search._rivals) == (0 if is_found else 2)
+    search._rivals = []
+
+
+def test_found_again_from_a_doubtful_pose_is_degraded_for_a_second(apart):
+    camera, frames, _ = apart
+    odometry = Odometry(camera)
+    odometry.track(frames[0])
+    key = odometry._keyframe
+    odometry._sure = False
+    t = frames[0].timestamp
+    for k in range(3):
+        odometry.skip(t + 0.2 * k, "no depth")
+    found = odometry._search._register(key, key.samples, key.points, np.eye(4))
+    odometry._search.everywhere = lambda *given: (key, found)
+    rng = np.random.default_rng(0)
+    states = {}
+    for after in (0.0, 0.5, 1.1):
+        noise = rng.integers(-1, 2, frames[0].grey.shape)
+        grey = np.clip(frames[0].grey + noise, 0, 255).astype(np.uint8)
+        states[after] = odometry.track(Frame(t + 0.7 + after, grey, frames[0].depth)).status
+    assert states == {0.0: Status.DEGRADED, 0.5: Status.DEGRADED, 1.1: Status.TRACKED}

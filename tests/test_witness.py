@@ -132,3 +132,18 @@ def test_where_nothing_moves_nobody_is_doubted() -> None:
 
 def test_the_preset_paper_does_not_ask() -> None:
     assert Config.preset("paper").status.max_conflict == 0
+
+
+def test_the_less_time_there_was_to_move_in_the_more_a_conflict_says() -> None:
+    free, blocked = (
+        Witness(CAMERA, "kinect_v1").surface(room(STILL, **box)) for box in ({}, {"box": 0.0})
+    )
+    asked = {}
+    for age in (0.01, 0.5 * AGE_S, 0.8 * AGE_S, AGE_S, 2 * AGE_S):
+        witness = Witness(CAMERA, "kinect_v1")
+        witness.remember(0.0, STILL, free)
+        asked[age] = witness.question(age, STILL, blocked)
+    full = asked[AGE_S]
+    assert full > 0.02
+    expected = [2 * full, 2 * full, full / 0.8, full, full]
+    np.testing.assert_allclose(list(asked.values()), expected)

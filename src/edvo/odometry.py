@@ -38,6 +38,8 @@ RECOVERY_PERIOD_S = 0.15  # then it is held against the stored keyframes no more
 # Lost for longer, by time and by frames, a frame may show any place that was seen before.
 LONG_LOST_S, LONG_LOST_FRAMES = 0.3, 3
 CONFLICT_S = 1.0  # after one, a pose is no better than the way that led to it
+MOVED, ASTRAY = "something moved less than a second ago", "found again, lost from a doubtful pose"
+FAR_STEP = "a far step: of what both see enough fits, and nothing else does"
 FREEZE_S = 0.3  # for so long images may repeat: a recorder wrote one twice
 HARDLY_ANY = 5  # times the fewest edges that can be registered: too few to doubt depth by
 NOWHERE = "lost; looks like no place seen before"
@@ -179,7 +181,8 @@ class Odometry:
             self.camera, self.config, self._registration, self._fitter, self._judge
         )
         self._witness.forget()
-        self._conflict_time = -math.inf
+        self._conflict_time, self._conflict = -math.inf, MOVED
+        self._sure = True  # whether the last pose was tracked
         self._count = 0
         self._timestamps: list[float] = []
         self._poses: list[NDArray[np.float64]] = []
@@ -252,6 +255,12 @@ class Odometry:
             with clock("search"):
                 alignment = self._search.around(key, self._T_key_last, seen, alignment)
             status, reason = self._assess(alignment, frame.timestamp)
+            if status is Status.LOST and self._is_far_step(frame.timestamp):
+                with clock("search"):
+                    gap = self._period(frame.timestamp)
+                    farther = self._search.farther(key, self._T_key_last, seen, gap)
+                if farther is not None:
+                    alignment, status, reason = farther, Status.DEGRADED, FAR_STEP
         sure = status is not Status.LOST and self._judge.is_sure(alignment)
         if not sure and self._is_adrift(frame.timestamp):
             with clock("recovery"):
@@ -383,6 +392,10 @@ class Odometry:
         long = self._losses >= enough and self._unseen(timestamp) > LONG_LOST_S
         return long and len(self._store) > 0
 
+    def _is_far_step(self, timestamp: float) -> bool:
+        """Whether so few frames come that the camera may be far from where the last one was."""
+        return self._period(timestamp) > LONGEST_PREDICTION_S * (self._losses + 1)
+
     def _recover(self, seen: Seen) -> TrackedFrame | None:
         """Go on from a stored keyframe, if the frame is sure to fit one."""
         assert self._keyframe is not None
@@ -401,7 +414,11 @@ class Odometry:
                 # It has not moved, it was found.
                 self._T_key_last = alignment.T_ref_cur
                 self._T_world_seen = self._keyframe.T_world_key @ alignment.T_ref_cur
-                return self._accept(seen, Status.TRACKED, "", alignment)
+                self._witness.forget()  # what it saw from poses that were doubtful, or of a hand
+                if self._sure:
+                    return self._accept(seen, Status.TRACKED, "", alignment)
+                self._conflict_time, self._conflict = timestamp, ASTRAY
+                return self._accept(seen, Status.DEGRADED, ASTRAY, alignment)
         return None
 
     def _check_size(self, frame: Frame) -> None:
@@ -428,7 +445,8 @@ class Odometry:
         T_last_cur, period = self._moved(T_key_cur, timestamp)
         self._velocity = se3.log(T_last_cur) / period
         self._T_key_last = T_key_cur
-        if status is Status.TRACKED:
+        self._sure = status is Status.TRACKED
+        if self._sure:
             self._judge.note(alignment)
             self._cruise += (self._velocity - self._cruise) * min(period / CRUISE_S, 1.0)
         self._T_world_last = keyframe.T_world_key @ T_key_cur
@@ -575,13 +593,13 @@ class Odometry:
         T_world_cam = self._keyframe.T_world_key @ alignment.T_ref_cur
         conflict = self._witness.question(timestamp, T_world_cam, surface)
         if conflict > limits.max_conflict:
-            self._conflict_time = timestamp
+            self._conflict_time, self._conflict = timestamp, MOVED
             reason = f"{conflict:.0%} of the view stands where nothing was: something moves"
             if conflict > limits.lost_conflict:
                 return Status.LOST, reason
             status = Status.DEGRADED
         elif status is Status.TRACKED and 0 <= timestamp - self._conflict_time < CONFLICT_S:
-            status, reason = Status.DEGRADED, "something moved less than a second ago"
+            status, reason = Status.DEGRADED, self._conflict
         self._witness.remember(timestamp, T_world_cam, surface)
         return status, reason
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from edvo.config import Config
 from edvo.edges import EdgeImage, EdgePixels
 from edvo.frame import Frame
 from edvo.keyframes import Keyframe, KeyframeStore
-from edvo.planes import PlaneFitter, PlanePoints
+from edvo.planes import DepthTerm, PlaneFitter, PlanePoints
 from edvo.registration import Alignment, Registration
 from edvo.status import Judge, agreement
 
@@ -21,11 +21,18 @@ STRIDE = 4  # a search takes one sample in so many
 LOOP_M, LOOP_RAD = 0.03, math.radians(1.5)  # that a frame found again may be off, both ways
 DRIFT_M, DRIFT_M_S = 0.1, 0.5  # how far from where it is expected a lost camera may well be
 APART_M = 0.1  # poses nearer to each other are the same place
-SHARPNESS = 4  # a little more agreement outweighs much of a way
+FINE_DEG, FINE = 4.0, (5, 2)  # turns of a far step, so many to either side, up and down
+LESS_DOUBT = 1 / 3  # times that of depth, where it may be out of step
+LEAST_FIT, FAR_FIT = (
+    0.6,
+    0.4,
+)  # of the edges in view, one way times the other: less is no place at all
+SHARPNESS = 8  # a few more edges explained outweigh much of a way
 RIVAL = 0.6  # of the best fit: a place that fits so well cannot be told from it
 RIVALS = 3  # that are followed at most
-
-Fit = tuple[float, NDArray[np.float64], Keyframe, Alignment]  # how well, T_world_cam, to what
+PLACES, SLIGHT = 6, 0.3  # that are looked at closely, unless few samples fit so much worse
+ASIDE_M = (0.2, 0.4, 0.8)  # steps, shelves, and doors repeat at about such distances
+SIDES = [sign * axis for axis in np.eye(3) for sign in (-1, 1)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,16 +99,13 @@ class Search:
             ``found``, if nothing agrees better.
         """
         few, points = seen.samples.every(STRIDE), seen.points
-        angle = math.radians(self._config.motion.search_deg)
         already = 0.0 if found is None else agreement(found, key.planes, points)
         best, most = None, already
-        for yaw in (-2, -1, 0, 1, 2):
-            for pitch in (-1, 0, 1):
-                turn = se3.exp(np.array([0.0, 0.0, 0.0, pitch * angle, yaw * angle, 0.0]))
-                tried = self._register(key, few, points, T_key_start @ turn)
-                agreed = agreement(tried, key.planes, points)
-                if agreed > most:
-                    best, most = tried.T_ref_cur, agreed
+        for turn in _turns(self._config.motion.search_deg, 2, 1):
+            tried = self._register(key, few, points, T_key_start @ turn)
+            agreed = agreement(tried, key.planes, points)
+            if agreed > most:
+                best, most = tried.T_ref_cur, agreed
         if best is None and found is not None:
             return found
         again = self._register(key, seen.samples, points, T_key_start if best is None else best)
@@ -120,8 +124,9 @@ class Search:
         """Find the keyframe that the frame of a lost camera fits, beyond doubt and both ways.
 
         The last keyframe is tried from where the camera is expected, those that look like the
-        frame from where they are. A place far from where the camera is expected must fit better;
-        and where things repeat, as steps and doors do, and two places fit, it is neither.
+        frame from there, too, and from where they are. A place far from there must fit better.
+        Where things repeat, as steps and doors do, more than one place fits; so others are
+        looked for beside the best, and if one cannot be told from it, it is neither.
 
         Parameters
         ----------
@@ -138,55 +143,228 @@ class Search:
         -------
         (Keyframe, Alignment) or None
         """
-        starts = [(last, se3.inverse(last.T_world_key) @ T_world_cam) for T_world_cam in expected]
         likest = store.likest(seen.edges.view(), self._config.keyframes.tried)
+        starts = [(last, se3.inverse(last.T_world_key) @ T_world_cam) for T_world_cam in expected]
         starts += [(key, np.eye(4)) for key in likest]
         starts += self._rivals  # a doubt lasts until one of them no longer fits
-        reach = DRIFT_M + DRIFT_M_S * gap_s
-        farthest = self._config.motion.max_speed_m_s * gap_s
-        fits: list[Fit] = []
-        for key, T_key_start in starts:
-            found = self.around(key, T_key_start, seen)
-            place = key.T_world_key @ found.T_ref_cur
-            away = min(_distance(T_world_cam, place) for T_world_cam in expected)
-            if not self._judge.is_sure(found) or away > farthest:
-                continue
-            fit = agreement(found, key.planes, seen.points) ** SHARPNESS
-            fits.append((fit * math.exp(-((away / reach) ** 2) / 2), place, key, found))
-        fits.sort(key=lambda candidate: -candidate[0])
-        places: list[Fit] = []
-        for candidate in fits:
-            if all(_distance(candidate[1], other[1]) > APART_M for other in places):
-                places.append(candidate)
-        if len(places) > 1 and places[1][0] > RIVAL * places[0][0]:
-            self._rivals = [(key, found.T_ref_cur) for _, _, key, found in places[:RIVALS]]
+        hunt = self._hunt(seen, expected, gap_s)
+        turns = _turns(self._config.motion.search_deg, 2, 1)
+        turned = [(key, start @ turn) for key, start in starts for turn in turns]
+        turned += [(key, se3.inverse(key.T_world_key) @ T) for key in likest for T in expected]
+        rivals = self._with_rivals(hunt, self._look_closely(hunt, self._promising(hunt, turned)))
+        self._rivals = [(place.key, place.found.T_ref_cur) for place in rivals[:RIVALS]]
+        if len(rivals) != 1:
             return None
         self._rivals = []
-        if not places:
-            return None
-        _, _, key, found = places[0]
-        return (key, found) if self._fits_back(key, found, seen) else None
+        best = rivals[0]
+        return (best.key, best.found) if best.both_ways else None
 
-    def _fits_back(self, key: Keyframe, found: Alignment, seen: Seen) -> bool:
-        """Whether the keyframe, registered with the frame, leads back to where it came from."""
-        back = self._registration.align(
-            self._registration.index(seen.edges.describe(self._camera)),
-            key.samples,
-            se3.inverse(found.T_ref_cur)[None],
-            self._fitter.planes(seen.frame.depth),
-            key.points,
-            self._fitter.term,
+    def farther(
+        self, key: Keyframe, T_key_start: NDArray[np.float64], seen: Seen, gap_s: float
+    ) -> Alignment | None:
+        """Look for a step that is too far for the judge: little may be in view of both.
+
+        Turns are tried more finely and more widely, and depth counts as it does and less: in a
+        fast turn it is out of step with the edges. What is found has to explain enough of what
+        both see, both ways, and nothing else may.
+
+        Parameters
+        ----------
+        key : Keyframe
+        T_key_start : ndarray of float64, shape (4, 4)
+            Where the camera was.
+        seen : Seen
+        gap_s : float
+            When, seconds ago.
+
+        Returns
+        -------
+        Alignment or None
+        """
+        T_world_start = key.T_world_key @ T_key_start
+        turned = [(key, T_key_start @ turn) for turn in _turns(FINE_DEG, *FINE)]
+        places: list[_Place] = []
+        hunt = self._hunt(seen, [T_world_start], gap_s)
+        for doubt in (1.0, LESS_DOUBT):
+            term = self._fitter.term._replace(doubt=self._fitter.term.doubt * doubt)
+            hunt = replace(hunt, term=term, must_be_sure=False, least_fit=FAR_FIT)
+            places += self._look_closely(hunt, self._promising(hunt, turned))
+        rivals = self._with_rivals(hunt, _distinct(places))
+        return rivals[0].found if len(rivals) == 1 and rivals[0].both_ways else None
+
+    def _hunt(self, seen: Seen, expected: Sequence[NDArray[np.float64]], gap_s: float) -> "_Hunt":
+        return _Hunt(
+            seen=seen,
+            few=seen.samples.every(STRIDE),
+            expected=expected,
+            reach=DRIFT_M + DRIFT_M_S * gap_s,
+            farthest=self._config.motion.max_speed_m_s * gap_s,
+            term=self._fitter.term,
         )
-        T_loop = back.T_ref_cur @ found.T_ref_cur
-        apart, turned = math.hypot(*T_loop[:3, 3].tolist()), se3.rotation_angle(T_loop)
-        return self._judge.is_sure(back, seen_only=True) and apart < LOOP_M and turned < LOOP_RAD
+
+    def _with_rivals(self, hunt: "_Hunt", places: Sequence["_Place"]) -> list["_Place"]:
+        """Leave the best place and those that cannot be told from it, some of them beside it."""
+        if not places:
+            return []
+        best = places[0]
+        aside = [
+            (best.key, se3.inverse(best.key.T_world_key) @ _moved(best.T_world_cam, side * far))
+            for far in ASIDE_M
+            if far < 2 * hunt.reach  # else it is worth too little
+            for side in SIDES
+        ]
+        others = self._look_closely(hunt, self._promising(hunt, aside, places))
+        places = _distinct([*places, *others])
+        return [place for place in places if place.worth > RIVAL * places[0].worth]
+
+    def _promising(
+        self,
+        hunt: "_Hunt",
+        starts: Sequence[tuple[Keyframe, NDArray[np.float64]]],
+        known: Sequence["_Place"] = (),
+    ) -> list[tuple[Keyframe, NDArray[np.float64]]]:
+        """Register few samples from each start; where they fit, best first, each place once."""
+        fits = []
+        for key, start in starts:
+            tried = self._register(key, hunt.few, hunt.seen.points, start, hunt.term)
+            T_world_cam = key.T_world_key @ tried.T_ref_cur
+            fit = agreement(tried, key.planes, hunt.seen.points) * hunt.prior(T_world_cam)
+            if fit > 0 and hunt.away(T_world_cam) <= hunt.farthest:
+                fits.append((fit, key, T_world_cam))
+        fits.sort(key=lambda fit: -fit[0])
+        best = max([fit for fit, _, _ in fits] + [place.agreed for place in known], default=0.0)
+        chosen: list[tuple[Keyframe, NDArray[np.float64]]] = []
+        taken = [place.T_world_cam for place in known]
+        for fit, key, T_world_cam in fits:
+            if len(chosen) < PLACES and fit >= SLIGHT * best and _is_apart(T_world_cam, taken):
+                taken.append(T_world_cam)
+                chosen.append((key, T_world_cam))
+        return chosen
+
+    def _look_closely(
+        self, hunt: "_Hunt", promising: Sequence[tuple[Keyframe, NDArray[np.float64]]]
+    ) -> list["_Place"]:
+        """Register all samples both ways; the places that stand this, the worthiest first."""
+        if not promising:
+            return []
+        seen = hunt.seen
+        edges = self._registration.index(seen.edges.describe(self._camera))
+        planes = self._fitter.planes(seen.frame.depth)
+        places: list[_Place] = []
+        for key, start in promising:
+            T_key_start = se3.inverse(key.T_world_key) @ start
+            found = self._register(key, seen.samples, seen.points, T_key_start, hunt.term)
+            T_world_cam = key.T_world_key @ found.T_ref_cur
+            if hunt.must_be_sure and not self._judge.is_sure(found):
+                continue
+            T_cur_key = se3.inverse(found.T_ref_cur)
+            back = self._registration.align(
+                edges, key.samples, T_cur_key[None], planes, key.points, hunt.term
+            )
+            fit = self._explained(found, seen.samples) * self._explained(back, key.samples)
+            if fit < hunt.least_fit or hunt.away(T_world_cam) > hunt.farthest:
+                continue
+            both_ways = _is_loop(found, back)
+            if hunt.must_be_sure:
+                both_ways = both_ways and self._judge.is_sure(back, seen_only=True)
+            worth = fit**SHARPNESS * hunt.prior(T_world_cam)
+            agreed = agreement(found, key.planes, seen.points)
+            places.append(_Place(worth, T_world_cam, key, found, agreed, both_ways))
+        return _distinct(places)
+
+    def _explained(self, alignment: Alignment, samples: EdgePixels) -> float:
+        """Share of the edges which the other camera has in view that it sees, too."""
+        camera, T = self._camera, alignment.T_ref_cur
+        points = samples.points(camera) @ T[:3, :3].T + T[:3, 3]
+        z = np.maximum(points[:, 2], 1e-6)
+        u, v = camera.fx * points[:, 0] / z + camera.cx, camera.fy * points[:, 1] / z + camera.cy
+        ahead = points[:, 2] > 1e-6
+        inside = ahead & (u > 0) & (v > 0) & (u < camera.width - 1) & (v < camera.height - 1)
+        fits = np.abs(alignment.residuals) < self._config.status.inlier_px
+        return int(np.count_nonzero(fits & inside)) / max(int(np.count_nonzero(inside)), 1)
 
     def _register(
-        self, key: Keyframe, samples: EdgePixels, points: PlanePoints, start: NDArray[np.float64]
+        self,
+        key: Keyframe,
+        samples: EdgePixels,
+        points: PlanePoints,
+        start: NDArray[np.float64],
+        term: DepthTerm | None = None,
     ) -> Alignment:
         return self._registration.align(
-            key.edges, samples, start[None], key.planes, points, self._fitter.term
+            key.edges, samples, start[None], key.planes, points, term or self._fitter.term
         )
+
+
+@dataclass(frozen=True, slots=True)
+class _Hunt:
+    """What is looked for, and where: near the poses expected, within reach, no farther at all."""
+
+    seen: Seen
+    few: EdgePixels
+    expected: Sequence[NDArray[np.float64]]
+    reach: float
+    farthest: float
+    term: DepthTerm
+    must_be_sure: bool = True
+    least_fit: float = LEAST_FIT
+
+    def away(self, T_world_cam: NDArray[np.float64]) -> float:
+        """Metres from the nearest pose that is expected."""
+        return min(_distance(T_expected, T_world_cam) for T_expected in self.expected)
+
+    def prior(self, T_world_cam: NDArray[np.float64]) -> float:
+        """What a place is worth before it is looked at, up to 1."""
+        return math.exp(-((self.away(T_world_cam) / self.reach) ** 2) / 2)
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """Where a frame may have been taken: its worth, and the registration that says so."""
+
+    worth: float
+    T_world_cam: NDArray[np.float64]
+    key: Keyframe
+    found: Alignment
+    agreed: float
+    both_ways: bool
+
+
+def _turns(step_deg: float, yaws: int, pitches: int) -> list[NDArray[np.float64]]:
+    """What a camera may have turned by, in its own frame: so many steps to either side."""
+    step = math.radians(step_deg)
+    return [
+        se3.exp(np.array([0.0, 0.0, 0.0, pitch * step, yaw * step, 0.0]))
+        for yaw in range(-yaws, yaws + 1)
+        for pitch in range(-pitches, pitches + 1)
+    ]
+
+
+def _is_loop(found: Alignment, back: Alignment) -> bool:
+    """Whether the keyframe, registered with the frame, leads back to where it came from."""
+    T_loop = back.T_ref_cur @ found.T_ref_cur
+    apart, turned = math.hypot(*T_loop[:3, 3].tolist()), se3.rotation_angle(T_loop)
+    return apart < LOOP_M and turned < LOOP_RAD
+
+
+def _moved(T: NDArray[np.float64], way: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Pose of a camera that has been carried along its own axes."""
+    moved = T.copy()
+    moved[:3, 3] += T[:3, :3] @ way
+    return moved
+
+
+def _distinct(places: Sequence[_Place]) -> list[_Place]:
+    """Leave the worthiest registration of each place, the worthiest place first."""
+    kept: list[_Place] = []
+    for place in sorted(places, key=lambda place: -place.worth):
+        if _is_apart(place.T_world_cam, [other.T_world_cam for other in kept]):
+            kept.append(place)
+    return kept
+
+
+def _is_apart(T: NDArray[np.float64], others: Sequence[NDArray[np.float64]]) -> bool:
+    return all(_distance(T, other) > APART_M for other in others)
 
 
 def _distance(T_a: NDArray[np.float64], T_b: NDArray[np.float64]) -> float:

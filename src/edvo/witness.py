@@ -23,6 +23,7 @@ WINDOW = 7  # depths to a side: what lies so near a contour may be shifted, with
 SLACK_M, SLACK_SIGMA = 0.02, 6.0  # by which a point must be in front: for the pose, and for noise
 MIN_POINTS = 50  # fewer say nothing
 AGE_S, MAX_AGE_S = 0.15, 1.0  # of the depth image that is asked: what moves slowly needs time
+LEAST_TIME = 0.5  # of that age: what is seen of motion in less is mostly noise
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +132,8 @@ class Witness:
         Returns
         -------
         float
-            See ``conflict``; 0 where nothing was seen of late.
+            See ``conflict``; 0 where nothing was seen of late, and more where that was only
+            just now, since what moves has then had less time to show.
         """
         while self._seen and not 0 <= timestamp - self._seen[0][0] <= MAX_AGE_S:
             self._seen.popleft()
@@ -139,8 +141,9 @@ class Witness:
             self._seen.popleft()
         if not self._seen:
             return 0.0
-        _, T_world_then, then = self._seen[0]
-        return self.conflict(then, surface, se3.inverse(T_world_then) @ T_world_cam)
+        time, T_world_then, then = self._seen[0]
+        conflict = self.conflict(then, surface, se3.inverse(T_world_then) @ T_world_cam)
+        return conflict / min(max((timestamp - time) / AGE_S, LEAST_TIME), 1.0)
 
     def _compare(
         self, surface: Surface, points: NDArray[np.float64], T: NDArray[np.float64]
