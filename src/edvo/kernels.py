@@ -1433,9 +1433,20 @@ def align(
             break
         if stage < last_stage and iterations >= solver.max_iterations:
             reason = EXHAUSTED  # the stage that finishes has had no turn
-            count = warp_and_match(
-                grid, points, gradients, ALL, camera, T, normal, solver.residual, matches, residuals
-            )
+            if every > ALL:
+                matches.bound[:] = 0
+                count = warp_and_match(
+                    grid,
+                    points,
+                    gradients,
+                    ALL,
+                    camera,
+                    T,
+                    criterion,
+                    solver.residual,
+                    matches,
+                    residuals,
+                )
             break
     orthonormalize(T)
     for i in range(n):

@@ -22,7 +22,7 @@ from edvo.sampling import sample_edges
 from edvo.search import Search, Seen
 from edvo.status import Judge, Status
 from edvo.trajectory import Trajectory
-from edvo.uncertainty import Uncertainty, degenerate_directions, describe
+from edvo.uncertainty import Uncertainty, degenerate_directions, describe, in_current_camera
 from edvo.witness import Witness
 
 __all__ = ["Odometry", "StageClock", "Status", "TrackedFrame"]
@@ -37,13 +37,15 @@ SHORTEST_PERIOD_S = 1e-3  # closer stamps are no more than a clock's jitter
 RECOVERY_PERIOD_S = 0.15  # then it is held against the stored keyframes no more often than that
 # Lost for longer, by time and by frames, a frame may show any place that was seen before.
 LONG_LOST_S, LONG_LOST_FRAMES = 0.3, 3
-CONFLICT_S = 1.0  # after one, a pose is no better than the way that led to it
+DOUBTFUL_S = 1.0  # after what raises doubt, a pose is no better than the way that led to it
 MOVED, ASTRAY = "something moved less than a second ago", "found again, lost from a doubtful pose"
 FAR_STEP = "a far step: of what both see enough fits, and nothing else does"
+STEPPED = "a far step less than a second ago"
 FREEZE_S = 0.3  # for so long images may repeat: a recorder wrote one twice
 HARDLY_ANY = 5  # times the fewest edges that can be registered: too few to doubt depth by
 NOWHERE = "lost; looks like no place seen before"
 UNSURE = "after a stretch without edges they fit no place for sure"
+BACK_S = 1.0  # a clock that jumps back so far has begun anew
 FADING_S = 0.5  # that a velocity lasts which nothing confirms, where depth alone goes on
 SIGHT_STRIDE = 8  # one pixel in so many, by row and column, tells whether an image is a new one
 NOMINAL_PERIOD_S = 1 / 30  # stands in where stamps repeat, all but repeat, or go back
@@ -80,10 +82,12 @@ class TrackedFrame:
     covariance : ndarray of float64, shape (6, 6), or None
         Of ``T_key_cur``: of the twist [v, w] (metres, radians) in the keyframe's camera with
         T_true = exp([v, w]) T_key_cur. None where there was no registration or it failed, and
-        where ``status.covariance`` is ``none``, as in the preset ``paper``.
+        where ``status.covariance`` is ``none``, as in the preset ``paper``, unless depth alone
+        carries the frame or has let it drift.
     degenerate : tuple of str
         Motions in the keyframe's camera that neither edges nor depth noticed; the frame is then
-        at best ``DEGRADED``. Along them a frame without edges is only predicted.
+        at best ``DEGRADED``. Along them a frame without edges is only predicted; its own are
+        those in its own camera.
     """
 
     timestamp: float
@@ -169,8 +173,9 @@ class Odometry:
         self._last_time: float | None = None
         self._last_recovery = -math.inf
         self._losses = 0  # frames in a row
-        self._T_world_seen = start  # of the last frame that edges were registered of
-        self._seen_time: float | None = None  # its time, where depth alone has gone on from there
+        self._blind = False  # whether depth alone gave the last pose
+        # When and where it was last known where it is, if depth alone has let it drift since.
+        self._anchor: tuple[float, NDArray[np.float64]] | None = None
         self._bare_depth = np.empty((0, 0), np.float32)  # of the last frame without edges
         self._sight = np.empty((0, 0), np.uint8)  # of the last image
         self._sight_time = -math.inf
@@ -181,7 +186,7 @@ class Odometry:
             self.camera, self.config, self._registration, self._fitter, self._judge
         )
         self._witness.forget()
-        self._conflict_time, self._conflict = -math.inf, MOVED
+        self._doubt_time, self._doubt = -math.inf, MOVED
         self._sure = True  # whether the last pose was tracked
         self._count = 0
         self._timestamps: list[float] = []
@@ -216,6 +221,7 @@ class Odometry:
             If the frame is not of the camera's size.
         """
         self._check_size(frame)
+        self._rewind(frame.timestamp)
         config, clock = self.config, self._clock
         if self._repeats(frame):
             return self._hold(frame.timestamp)
@@ -238,12 +244,17 @@ class Odometry:
         seen = Seen(frame, edges, samples, points)
         if self._keyframe is None:
             return self._begin(seen)
-        if self._is_long_lost(frame.timestamp):
+        hardly_any = len(samples) < HARDLY_ANY * config.registration.min_matches
+        adrift = self._is_adrift(frame.timestamp)
+        if adrift or self._is_long_lost(frame.timestamp):
             with clock("recovery"):
                 recovered = self._recover(seen)
             if recovered is not None:
                 return recovered
-            return self._lose(frame.timestamp, NOWHERE, len(edges), len(samples), None)
+            reason = UNSURE if adrift else NOWHERE
+            if hardly_any and self._may_follow_depth(frame):
+                return self._follow_depth(seen, reason)
+            return self._lose(frame.timestamp, reason, len(edges), len(samples), None)
         with clock("registration"):
             starts = self._starts(frame.timestamp)
             key = self._keyframe
@@ -261,14 +272,7 @@ class Odometry:
                     farther = self._search.farther(key, self._T_key_last, seen, gap)
                 if farther is not None:
                     alignment, status, reason = farther, Status.DEGRADED, FAR_STEP
-        sure = status is not Status.LOST and self._judge.is_sure(alignment)
-        if not sure and self._is_adrift(frame.timestamp):
-            with clock("recovery"):
-                recovered = self._recover(seen)
-            if recovered is not None:
-                return recovered
-            status, reason = Status.LOST, UNSURE
-        hardly_any = len(samples) < HARDLY_ANY * config.registration.min_matches
+                    self._doubt_time, self._doubt = frame.timestamp, STEPPED
         if status is Status.LOST and hardly_any and self._may_follow_depth(frame):
             return self._follow_depth(seen, reason)
         if status is not Status.LOST and config.status.max_conflict:
@@ -293,7 +297,15 @@ class Odometry:
         TrackedFrame
             ``LOST``, with a predicted pose.
         """
+        self._rewind(timestamp)
         return self._lose(timestamp, reason, 0, 0, None)
+
+    def _rewind(self, timestamp: float) -> None:
+        """Begin to count anew where a clock has jumped back, as a recording that starts over."""
+        if self._last_time is not None and timestamp < self._last_time - BACK_S:
+            self._last_time, self._last_recovery = timestamp, -math.inf
+            if self._anchor is not None:
+                self._anchor = timestamp, self._anchor[1]
 
     def _repeats(self, frame: Frame) -> bool:
         """Whether an image is the very same as the last one, which no sensor's noise allows."""
@@ -338,15 +350,16 @@ class Odometry:
             start = self._T_key_last
             if self.config.motion.prior == "constant-velocity":
                 # That of the last frames with edges is poor where they had few, as walls do.
-                velocity = self._cruise if self._seen_time is None else self._velocity
+                velocity = self._velocity if self._blind else self._cruise
                 start = start @ se3.exp(velocity * math.exp(-period / FADING_S) * period)
             alignment, covariance = self._depth_alone.align(key, seen.samples, seen.points, start)
         T_last_cur = se3.inverse(self._T_key_last) @ alignment.T_ref_cur
+        own = in_current_camera(covariance, alignment.T_ref_cur)  # in which it was held still
+        loose = tuple(describe(way) for way in degenerate_directions(own))
         misfit = self._judge.judge_alone(
             alignment, len(seen.points.sigma), *_speed(T_last_cur, period)
         )
-        loose = tuple(describe(way) for way in degenerate_directions(covariance))
-        if not misfit and len(loose) == 6:
+        if len(loose) == 6 and misfit in ("", alignment.reason):
             misfit = "depth constrains nothing"
         reason = f"depth alone: {few}"
         if loose:
@@ -359,9 +372,11 @@ class Odometry:
         if status is Status.LOST:
             reason = f"{few}; {misfit or reason}"
             return self._lose(timestamp, reason, len(seen.edges), len(seen.samples), alignment)
-        if self._seen_time is None:
-            self._seen_time = self._last_time
-        self._last_time = timestamp
+        if loose:
+            self._sure = False
+            if self._anchor is None:
+                self._anchor = timestamp - period, self._T_world_last
+        self._blind, self._last_time = True, timestamp
         self._velocity = se3.log(T_last_cur) / period
         self._T_key_last = alignment.T_ref_cur
         self._T_world_last = key.T_world_key @ alignment.T_ref_cur
@@ -378,23 +393,25 @@ class Odometry:
         )
 
     def _unseen(self, timestamp: float) -> float:
-        """Seconds since edges last said where it is."""
+        """Seconds since it was last known where it is."""
         period = self._period(timestamp)
-        return period if self._seen_time is None else max(period, timestamp - self._seen_time)
+        return period if self._anchor is None else max(period, timestamp - self._anchor[0])
 
     def _is_adrift(self, timestamp: float) -> bool:
-        """Whether depth alone has carried it for so long that edges must be sure."""
-        return self._seen_time is not None and self._unseen(timestamp) > LONG_LOST_S
+        """Whether depth alone has let it drift for so long that edges must find it again."""
+        drifting = self._blind and self._anchor is not None
+        return drifting and self._unseen(timestamp) > LONG_LOST_S
 
     def _is_long_lost(self, timestamp: float) -> bool:
         """Whether it has been lost for so long that it may be anywhere it was before."""
-        enough = LONG_LOST_FRAMES if self._seen_time is None else 1
+        enough = LONG_LOST_FRAMES if self._anchor is None else 1
         long = self._losses >= enough and self._unseen(timestamp) > LONG_LOST_S
         return long and len(self._store) > 0
 
     def _is_far_step(self, timestamp: float) -> bool:
         """Whether so few frames come that the camera may be far from where the last one was."""
-        return self._period(timestamp) > LONGEST_PREDICTION_S * (self._losses + 1)
+        few = self._losses < LONG_LOST_FRAMES
+        return few and self._period(timestamp) > LONGEST_PREDICTION_S * (self._losses + 1)
 
     def _recover(self, seen: Seen) -> TrackedFrame | None:
         """Go on from a stored keyframe, if the frame is sure to fit one."""
@@ -403,21 +420,20 @@ class Odometry:
         if abs(timestamp - self._last_recovery) >= RECOVERY_PERIOD_S:
             self._last_recovery = timestamp
             gap = self._unseen(timestamp)
+            T_world_known = self._T_world_last if self._anchor is None else self._anchor[1]
             last, seen_last = min(self._period(timestamp), LONGEST_GAP_S), min(gap, LONGEST_GAP_S)
             expected = [
                 self._T_world_last @ se3.exp(self._velocity * last),
-                self._T_world_seen @ se3.exp(self._cruise * seen_last),
+                T_world_known @ se3.exp(self._cruise * seen_last),
             ]
             recovered = self._search.everywhere(self._store, self._keyframe, seen, expected, gap)
             if recovered is not None:
                 self._keyframe, alignment = recovered
-                # It has not moved, it was found.
-                self._T_key_last = alignment.T_ref_cur
-                self._T_world_seen = self._keyframe.T_world_key @ alignment.T_ref_cur
+                self._blind, self._T_key_last = False, alignment.T_ref_cur  # not moved, but found
                 self._witness.forget()  # what it saw from poses that were doubtful, or of a hand
                 if self._sure:
                     return self._accept(seen, Status.TRACKED, "", alignment)
-                self._conflict_time, self._conflict = timestamp, ASTRAY
+                self._doubt_time, self._doubt = timestamp, ASTRAY
                 return self._accept(seen, Status.DEGRADED, ASTRAY, alignment)
         return None
 
@@ -445,6 +461,10 @@ class Odometry:
         T_last_cur, period = self._moved(T_key_cur, timestamp)
         self._velocity = se3.log(T_last_cur) / period
         self._T_key_last = T_key_cur
+        self._blind = False
+        self._search.forget()
+        if status is Status.TRACKED and self._is_doubtful(timestamp):
+            status, reason = Status.DEGRADED, self._doubt
         self._sure = status is Status.TRACKED
         if self._sure:
             self._judge.note(alignment)
@@ -452,19 +472,23 @@ class Odometry:
         self._T_world_last = keyframe.T_world_key @ T_key_cur
         covariance: NDArray[np.float64] | None = None
         degenerate: tuple[str, ...] = ()
-        if self.config.status.covariance != "none":
+        if self.config.status.covariance != "none" or self._anchor is not None:
             with self._clock("uncertainty"):
                 covariance = self._covariance(keyframe, seen, alignment)
                 degenerate = tuple(describe(way) for way in degenerate_directions(covariance))
-        found = not (degenerate and self._is_adrift(timestamp))
-        if found:  # else it may still have drifted along what is not constrained
-            self._T_world_seen, self._seen_time = self._T_world_last, None
+        if self._anchor is not None and not degenerate:  # else it may still be off along those
+            if self._unseen(timestamp) > LONG_LOST_S:
+                self._doubt_time, self._doubt = timestamp, ASTRAY
+            self._anchor = None
         self._last_time = timestamp
-        if degenerate and status is Status.TRACKED:
-            status, reason = Status.DEGRADED, f"not constrained: {', '.join(degenerate)}"
+        if status is Status.TRACKED:
+            if degenerate:
+                status, reason = Status.DEGRADED, f"not constrained: {', '.join(degenerate)}"
+            elif self._is_doubtful(timestamp):
+                status, reason = Status.DEGRADED, self._doubt
         share = alignment.inliers / len(seen.samples)
         age = self._count - keyframe.index
-        due = found and is_due(self.config.keyframes, T_key_cur, share, age)
+        due = self._anchor is None and is_due(self.config.keyframes, T_key_cur, share, age)
         if due:
             self._set_keyframe(seen)
         return self._keep(
@@ -593,15 +617,17 @@ class Odometry:
         T_world_cam = self._keyframe.T_world_key @ alignment.T_ref_cur
         conflict = self._witness.question(timestamp, T_world_cam, surface)
         if conflict > limits.max_conflict:
-            self._conflict_time, self._conflict = timestamp, MOVED
+            self._doubt_time, self._doubt = timestamp, MOVED
             reason = f"{conflict:.0%} of the view stands where nothing was: something moves"
             if conflict > limits.lost_conflict:
                 return Status.LOST, reason
             status = Status.DEGRADED
-        elif status is Status.TRACKED and 0 <= timestamp - self._conflict_time < CONFLICT_S:
-            status, reason = Status.DEGRADED, self._conflict
         self._witness.remember(timestamp, T_world_cam, surface)
         return status, reason
+
+    def _is_doubtful(self, timestamp: float) -> bool:
+        """Whether something of late makes a pose no better than the way that led to it."""
+        return 0 <= timestamp - self._doubt_time < DOUBTFUL_S
 
     def _assess(self, alignment: Alignment, timestamp: float) -> tuple[Status, str]:
         """Judge a registration by its evidence, and by how far it is from the last pose."""
@@ -610,12 +636,12 @@ class Odometry:
     def _moved(
         self, T_key_cur: NDArray[np.float64], timestamp: float
     ) -> tuple[NDArray[np.float64], float]:
-        """Motion since the last pose that edges gave, and the seconds that it took."""
-        if self._seen_time is None:
+        """Motion since the last pose that is not a guess, and the seconds that it took."""
+        if not self._blind or self._anchor is None:
             return se3.inverse(self._T_key_last) @ T_key_cur, self._period(timestamp)
         assert self._keyframe is not None
         T_world_cur = self._keyframe.T_world_key @ T_key_cur
-        return se3.inverse(self._T_world_seen) @ T_world_cur, self._unseen(timestamp)
+        return se3.inverse(self._anchor[1]) @ T_world_cur, self._unseen(timestamp)
 
 
 def _speed(T: NDArray[np.float64], seconds: float) -> tuple[float, float]:

@@ -13,20 +13,18 @@ from edvo.config import Config
 from edvo.edges import EdgeImage, EdgePixels
 from edvo.frame import Frame
 from edvo.keyframes import Keyframe, KeyframeStore
-from edvo.planes import DepthTerm, PlaneFitter, PlanePoints
+from edvo.matching import EdgeIndex
+from edvo.planes import DepthTerm, PlaneFitter, PlaneMap, PlanePoints
 from edvo.registration import Alignment, Registration
-from edvo.status import Judge, agreement
+from edvo.status import FAILURES, Judge, agreement
 
 STRIDE = 4  # a search takes one sample in so many
 LOOP_M, LOOP_RAD = 0.03, math.radians(1.5)  # that a frame found again may be off, both ways
 DRIFT_M, DRIFT_M_S = 0.1, 0.5  # how far from where it is expected a lost camera may well be
-APART_M = 0.1  # poses nearer to each other are the same place
+APART_M, APART_RAD = 0.1, math.radians(5.0)  # poses nearer to each other are the same place
 FINE_DEG, FINE = 4.0, (5, 2)  # turns of a far step, so many to either side, up and down
 LESS_DOUBT = 1 / 3  # times that of depth, where it may be out of step
-LEAST_FIT, FAR_FIT = (
-    0.6,
-    0.4,
-)  # of the edges in view, one way times the other: less is no place at all
+LEAST_FIT, FAR_FIT = 0.6, 0.4  # of the edges in view, both ways: less is no place at all
 SHARPNESS = 8  # a few more edges explained outweigh much of a way
 RIVAL = 0.6  # of the best fit: a place that fits so well cannot be told from it
 RIVALS = 3  # that are followed at most
@@ -124,9 +122,9 @@ class Search:
         """Find the keyframe that the frame of a lost camera fits, beyond doubt and both ways.
 
         The last keyframe is tried from where the camera is expected, those that look like the
-        frame from there, too, and from where they are. A place far from there must fit better.
-        Where things repeat, as steps and doors do, more than one place fits; so others are
-        looked for beside the best, and if one cannot be told from it, it is neither.
+        frame from there, too, and from where they are. A place far from where the camera is
+        expected must fit better; and where things repeat, as steps and doors do, and two places
+        fit, it is neither.
 
         Parameters
         ----------
@@ -152,12 +150,18 @@ class Search:
         turned = [(key, start @ turn) for key, start in starts for turn in turns]
         turned += [(key, se3.inverse(key.T_world_key) @ T) for key in likest for T in expected]
         rivals = self._with_rivals(hunt, self._look_closely(hunt, self._promising(hunt, turned)))
+        if not rivals:
+            return None  # a doubt outlives a frame that fits nothing
         self._rivals = [(place.key, place.found.T_ref_cur) for place in rivals[:RIVALS]]
         if len(rivals) != 1:
             return None
         self._rivals = []
         best = rivals[0]
         return (best.key, best.found) if best.both_ways else None
+
+    def forget(self) -> None:
+        """Drop doubts: it is known again where the camera is."""
+        self._rivals = []
 
     def farther(
         self, key: Keyframe, T_key_start: NDArray[np.float64], seen: Seen, gap_s: float
@@ -196,6 +200,8 @@ class Search:
         return _Hunt(
             seen=seen,
             few=seen.samples.every(STRIDE),
+            edges=self._registration.index(seen.edges.describe(self._camera)),
+            planes=self._fitter.planes(seen.frame.depth),
             expected=expected,
             reach=DRIFT_M + DRIFT_M_S * gap_s,
             farthest=self._config.motion.max_speed_m_s * gap_s,
@@ -245,11 +251,7 @@ class Search:
         self, hunt: "_Hunt", promising: Sequence[tuple[Keyframe, NDArray[np.float64]]]
     ) -> list["_Place"]:
         """Register all samples both ways; the places that stand this, the worthiest first."""
-        if not promising:
-            return []
         seen = hunt.seen
-        edges = self._registration.index(seen.edges.describe(self._camera))
-        planes = self._fitter.planes(seen.frame.depth)
         places: list[_Place] = []
         for key, start in promising:
             T_key_start = se3.inverse(key.T_world_key) @ start
@@ -259,7 +261,7 @@ class Search:
                 continue
             T_cur_key = se3.inverse(found.T_ref_cur)
             back = self._registration.align(
-                edges, key.samples, T_cur_key[None], planes, key.points, hunt.term
+                hunt.edges, key.samples, T_cur_key[None], hunt.planes, key.points, hunt.term
             )
             fit = self._explained(found, seen.samples) * self._explained(back, key.samples)
             if fit < hunt.least_fit or hunt.away(T_world_cam) > hunt.farthest:
@@ -281,7 +283,10 @@ class Search:
         ahead = points[:, 2] > 1e-6
         inside = ahead & (u > 0) & (v > 0) & (u < camera.width - 1) & (v < camera.height - 1)
         fits = np.abs(alignment.residuals) < self._config.status.inlier_px
-        return int(np.count_nonzero(fits & inside)) / max(int(np.count_nonzero(inside)), 1)
+        in_view = int(np.count_nonzero(inside))
+        if alignment.reason in FAILURES or in_view < self._config.registration.min_matches:
+            return 0.0
+        return int(np.count_nonzero(fits & inside)) / in_view
 
     def _register(
         self,
@@ -302,6 +307,8 @@ class _Hunt:
 
     seen: Seen
     few: EdgePixels
+    edges: EdgeIndex
+    planes: PlaneMap
     expected: Sequence[NDArray[np.float64]]
     reach: float
     farthest: float
@@ -333,6 +340,8 @@ class _Place:
 def _turns(step_deg: float, yaws: int, pitches: int) -> list[NDArray[np.float64]]:
     """What a camera may have turned by, in its own frame: so many steps to either side."""
     step = math.radians(step_deg)
+    if not step:
+        return [np.eye(4)]
     return [
         se3.exp(np.array([0.0, 0.0, 0.0, pitch * step, yaw * step, 0.0]))
         for yaw in range(-yaws, yaws + 1)
@@ -364,7 +373,10 @@ def _distinct(places: Sequence[_Place]) -> list[_Place]:
 
 
 def _is_apart(T: NDArray[np.float64], others: Sequence[NDArray[np.float64]]) -> bool:
-    return all(_distance(T, other) > APART_M for other in others)
+    return all(
+        _distance(T, other) > APART_M or se3.rotation_angle(se3.inverse(T) @ other) > APART_RAD
+        for other in others
+    )
 
 
 def _distance(T_a: NDArray[np.float64], T_b: NDArray[np.float64]) -> float:
