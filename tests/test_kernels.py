@@ -261,7 +261,7 @@ def solver(config=None, **changes):
         "tuning": robust.TUNING.get(config.weight, config.nu),
         "min_sigma": config.min_sigma_px,
         "first_sigma": config.first_sigma_px,
-        "first_stride": np.int64(config.first_stride),
+        "first_samples": config.first_samples,
         "min_matches": config.min_matches,
         "max_iterations": config.max_iterations,
         "switch_px": MatchingConfig().switch_px,
@@ -525,7 +525,7 @@ def test_normal_equations(rng, residual, name):
 def test_align(seed, weight):
     rng = np.random.default_rng(seed)
     problem = problems.segments_problem(seed, problems.motion(rng, 0.05, 2.0), outliers=0.1)
-    config = RegistrationConfig(weight=weight)
+    config = RegistrationConfig(weight=weight, first_samples=100)
     matching = MatchingConfig(criterion="robust-then-normal")
     registration = Registration(problem.camera, matching, config)
     index = registration.index(problem.reference)

@@ -277,8 +277,9 @@ def align(edges, points, gradients, camera, T, robust_criterion, normal_criterio
     """Iterate Eq. (13)-(14) from T, through both stages; returns T, iterations and Warped."""
     function = NAMES[solver.weight]
     iterations, sigma = 0, 1.0
+    first = len(points) // solver.first_samples if solver.first_samples else 1
     for criterion, enough, floor, every in (
-        (robust_criterion, solver.switch_px, solver.first_sigma, solver.first_stride),
+        (robust_criterion, solver.switch_px, solver.first_sigma, max(first, 1)),
         (normal_criterion, solver.stop_px, 0.0, 1),
     ):
         few, turned = points[::every], gradients[::every]

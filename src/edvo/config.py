@@ -158,8 +158,10 @@ class RegistrationConfig(Section):
         description="floor of the scale before the last stage, so that the many edges along a "
         "motion, which fit from the start, do not make outliers of the few across it",
     )
-    first_stride: Annotated[int, Field(ge=1)] = Field(
-        default=2, description="samples of which one is taken before the last stage"
+    first_samples: Annotated[int, Field(ge=0)] = Field(
+        default=700,
+        description="before the last stage every k-th sample is taken, and so many at least; "
+        "0: all",
     )
     min_matches: Annotated[int, Field(ge=6)] = Field(
         default=30, description="fewer matches than this are no registration"
@@ -511,7 +513,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "motion": {"search_deg": 0.0},
         "keyframes": {"stored": 0},
         "sampling": {"count": 450},
-        "registration": {"weight": "t", "first_sigma_px": 0.0, "first_stride": 1},
+        "registration": {"weight": "t", "first_sigma_px": 0.0, "first_samples": 0},
         "status": {
             "max_conflict": 0.0,
             "min_agreeing": 0.0,

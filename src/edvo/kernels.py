@@ -173,7 +173,7 @@ class Solver(NamedTuple):
     tuning: float  # nu of the t-distribution; the tuning constant of the others
     min_sigma: float  # px
     first_sigma: float  # px, its floor before the last stage
-    first_stride: np.int64  # samples of which one is taken before the last stage
+    first_samples: int  # before the last stage every k-th is taken, and so many at least; 0: all
     min_matches: int
     max_iterations: int
     switch_px: float  # rms change of the residuals below which the normal criterion takes over
@@ -1328,7 +1328,9 @@ def align(
     for stage in range(first_stage, last_stage + 1):
         criterion = robust if stage == 0 else normal
         enough = solver.stop_px if stage == last_stage else solver.switch_px
-        every = ALL if stage == last_stage else solver.first_stride
+        every = ALL
+        if stage < last_stage and solver.first_samples > 0:
+            every = max(np.int64(n // solver.first_samples), ALL)
         taken = (n + every - 1) // every
         matches.bound[:] = 0  # what held under one criterion need not under another
         count = warp_and_match(

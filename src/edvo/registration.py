@@ -172,7 +172,7 @@ class Registration:
             tuning=registration.nu if registration.weight == "t" else TUNING[registration.weight],
             min_sigma=registration.min_sigma_px,
             first_sigma=registration.first_sigma_px,
-            first_stride=np.int64(registration.first_stride),
+            first_samples=registration.first_samples,
             min_matches=registration.min_matches,
             max_iterations=registration.max_iterations,
             switch_px=matching.switch_px,
