@@ -33,6 +33,7 @@ VARIANTS = (
     Variant("edges: between pixels", ("edges.position=vertex",)),
     Variant("planes: none", ("planes.weight=0",)),
     Variant("planes: beside the edges", ("planes.weight=1",)),
+    Variant("planes: edges not doubted", ("planes.weight=1", "planes.edge_doubt_px=0")),
     Variant(
         "planes: at full weight whatever the residuals", ("planes.weight=1", "planes.doubt=1e6")
     ),
@@ -53,6 +54,10 @@ VARIANTS = (
     Variant("matching: switch at 2 px", ("matching.switch_px=2",)),
     Variant("matching: none beyond 10 px", ("matching.max_distance_px=10",)),
     Variant("matching: none beyond 60 degrees", ("matching.max_angle_deg=60",)),
+    Variant("first stage: scale of the residuals", ("registration.first_sigma_px=0",)),
+    Variant("first stage: scale of 0.5 px at least", ("registration.first_sigma_px=0.5",)),
+    Variant("first stage: all samples", ("registration.first_samples=0",)),
+    Variant("first stage: 700 samples at least", ("registration.first_samples=700",)),
     Variant("residual: distance, Eq. (5)", ("registration.residual=distance",)),
     Variant("weights: none", ("registration.weight=none",)),
     Variant("weights: t, nu = 2", ("registration.weight=t", "registration.nu=2")),
@@ -70,9 +75,13 @@ VARIANTS = (
     ),
     Variant("search: none where in doubt", ("motion.search_deg=0",)),
     Variant("recovery: none", ("keyframes.stored=0",)),
+    Variant("without edges: lost", ("planes.alone_share=0",)),
+    Variant("without edges: depth alone", ("planes.alone_share=0.5",)),
     Variant("start: where the camera was", ("motion.prior=still",)),
     Variant("witness: none", ("status.max_conflict=0",)),
     Variant("witness: what stands where nothing was", ("status.max_conflict=0.02",)),
+    Variant("covariance: none", ("status.covariance=none",)),
+    Variant("covariance: by cells", ("status.covariance=cells",)),
     Variant("agreeing gradients: not asked", ("status.min_agreeing=0", "status.doubt_agreeing=0")),
     Variant("agreeing gradients: asked", ("status.min_agreeing=0.4", "status.doubt_agreeing=0.5")),
 )
