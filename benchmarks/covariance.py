@@ -132,7 +132,7 @@ def pair(family: int, number: int) -> Outcome | None:
     frames = [source.read(i).frame for i in (key, index)]
     if frames[0] is None or frames[1] is None:
         return None
-    config = Config(seed=number)
+    config = Config(seed=number).with_overrides(["planes.alone_share=0"])  # of edges, or none
     odometry = Odometry(source.camera, config)
     recorder = _Recorder(source.camera, config, odometry._registration.solver)
     odometry._uncertainty = recorder
