@@ -349,7 +349,8 @@ def test_iterations_used_up():
 
 
 def test_no_step_lowers_the_cost():
-    alignment = register(moved(0), moved(0).T_ref_cur, stop_px=1e-12, stop_decrease=0.0)
+    never = {"stop_px": 1e-12, "stop_decrease": 0.0, "first_sigma_px": 0.0}
+    alignment = register(moved(0), moved(0).T_ref_cur, **never)
     assert alignment.converged
     assert alignment.reason == "no step lowers the cost any more"
 

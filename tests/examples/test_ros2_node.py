@@ -114,7 +114,8 @@ def test_a_lost_frame_publishes_nothing(node: dict[str, Any], source: SyntheticS
     colour, depth, info = messages(source, 0)
     tracker.on_images(colour, depth, info)
     blank = image(np.zeros((480, 640), np.uint8), "mono8", 1_700_000_000.1)
-    tracker.on_images(blank, depth, info)
+    noise = np.random.default_rng(0).integers(1000, 4000, (480, 640), dtype=np.uint16)
+    tracker.on_images(blank, image(noise, "16UC1", 1_700_000_000.1), info)
     assert len(tracker.publishers[0].sent) == 1
     assert "lost" in tracker.logger.lines[0]
 
