@@ -122,3 +122,14 @@ def test_the_view_stays_when_bright_and_dark_change_places(walk):
     config = EdgesConfig(strong_share=0)
     once, inverted = extract_edges(grey, config).view(), extract_edges(255 - grey, config).view()
     assert once @ inverted > 0.99
+
+
+def test_a_clock_that_starts_over_counts_how_long_it_has_been_lost(walk):
+    camera, frames, _ = walk
+    odometry = Odometry(camera)
+    for frame in frames[:3]:
+        odometry.track(Frame(frame.timestamp + 100.0, frame.grey, frame.depth))
+    for k in range(4):
+        assert odometry.skip(0.09 * k, "broken").status is Status.LOST
+        assert not odometry._is_long_lost(0.09 * k)
+    assert odometry._is_long_lost(0.5)

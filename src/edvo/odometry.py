@@ -86,8 +86,8 @@ class TrackedFrame:
         carries the frame or has let it drift.
     degenerate : tuple of str
         Motions in the keyframe's camera that neither edges nor depth noticed; the frame is then
-        at best ``DEGRADED``. Along them a frame without edges is only predicted; its own are
-        those in its own camera.
+        at best ``DEGRADED``. Along them a frame without edges is only predicted, and they are
+        named in its own camera.
     """
 
     timestamp: float
