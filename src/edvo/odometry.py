@@ -222,64 +222,27 @@ class Odometry:
         """
         self._check_size(frame)
         self._rewind(frame.timestamp)
-        config, clock = self.config, self._clock
         if self._repeats(frame):
             return self._hold(frame.timestamp)
-        with clock("edges"):
-            edges = extract_edges(frame.grey, config.edges, self._buffers)
-        with clock("sampling"):
-            seed = config.seed * SEED_STRIDE + self._count
-            samples = sample_edges(
-                edges, frame.depth, self.camera, config.sampling, config.edges, seed
-            )
-        if len(samples) < config.registration.min_matches:
-            few = f"{len(samples)} edges with depth; {config.registration.min_matches} needed"
-            if not self._may_follow_depth(frame):
-                return self._lose(frame.timestamp, few, len(edges), len(samples), None)
-            with clock("planes"):
-                seen = Seen(frame, edges, samples, self._fitter.points(frame.depth))
-            return self._follow_depth(seen, few)
-        with clock("planes"):
-            points = self._fitter.points(frame.depth)
-        seen = Seen(frame, edges, samples, points)
+        seen, least = self._see(frame), self.config.registration.min_matches
+        if len(seen.samples) < least:
+            few = f"{len(seen.samples)} edges with depth; {least} needed"
+            return self._give_up(seen, few, None)
         if self._keyframe is None:
             return self._begin(seen)
-        hardly_any = len(samples) < HARDLY_ANY * config.registration.min_matches
         adrift = self._is_adrift(frame.timestamp)
         if adrift or self._is_long_lost(frame.timestamp):
-            with clock("recovery"):
+            with self._clock("recovery"):
                 recovered = self._recover(seen)
-            if recovered is not None:
-                return recovered
-            reason = UNSURE if adrift else NOWHERE
-            if hardly_any and self._may_follow_depth(frame):
-                return self._follow_depth(seen, reason)
-            return self._lose(frame.timestamp, reason, len(edges), len(samples), None)
-        with clock("registration"):
-            starts = self._starts(frame.timestamp)
-            key = self._keyframe
-            alignment = self._registration.align(
-                key.edges, samples, starts, key.planes, points, self._fitter.term
-            )
-        status, reason = self._assess(alignment, frame.timestamp)
-        if status is not Status.TRACKED and config.motion.search_deg:
-            with clock("search"):
-                alignment = self._search.around(key, self._T_key_last, seen, alignment)
-            status, reason = self._assess(alignment, frame.timestamp)
-            if status is Status.LOST and self._is_far_step(frame.timestamp):
-                with clock("search"):
-                    gap = self._period(frame.timestamp)
-                    farther = self._search.farther(key, self._T_key_last, seen, gap)
-                if farther is not None:
-                    alignment, status, reason = farther, Status.DEGRADED, FAR_STEP
-                    self._doubt_time, self._doubt = frame.timestamp, STEPPED
-        if status is Status.LOST and hardly_any and self._may_follow_depth(frame):
-            return self._follow_depth(seen, reason)
-        if status is not Status.LOST and config.status.max_conflict:
-            with clock("witness"):
+            return recovered or self._give_up(seen, UNSURE if adrift else NOWHERE, None)
+        alignment, status, reason = self._locate(seen)
+        if status is Status.LOST:
+            return self._give_up(seen, reason, alignment)
+        if self.config.status.max_conflict:
+            with self._clock("witness"):
                 status, reason = self._question(seen, alignment, status, reason)
         if status is Status.LOST:
-            return self._lose(frame.timestamp, reason, len(edges), len(samples), alignment)
+            return self._lose_sight(seen, reason, alignment)
         return self._accept(seen, status, reason, alignment)
 
     def skip(self, timestamp: float, reason: str) -> TrackedFrame:
@@ -299,6 +262,55 @@ class Odometry:
         """
         self._rewind(timestamp)
         return self._lose(timestamp, reason, 0, 0, None)
+
+    def _see(self, frame: Frame) -> Seen:
+        """Edges of a frame, those that are drawn of them, and what its depth says of planes."""
+        config = self.config
+        with self._clock("edges"):
+            edges = extract_edges(frame.grey, config.edges, self._buffers)
+        with self._clock("sampling"):
+            seed = config.seed * SEED_STRIDE + self._count
+            samples = sample_edges(
+                edges, frame.depth, self.camera, config.sampling, config.edges, seed
+            )
+        with self._clock("planes"):
+            return Seen(frame, edges, samples, self._fitter.points(frame.depth))
+
+    def _locate(self, seen: Seen) -> tuple[Alignment, Status, str]:
+        """Register a frame with the keyframe, and look farther afield where that is in doubt."""
+        assert self._keyframe is not None
+        key, timestamp = self._keyframe, seen.frame.timestamp
+        with self._clock("registration"):
+            starts = self._starts(timestamp)
+            alignment = self._registration.align(
+                key.edges, seen.samples, starts, key.planes, seen.points, self._fitter.term
+            )
+        status, reason = self._assess(alignment, timestamp)
+        if status is Status.TRACKED or not self.config.motion.search_deg:
+            return alignment, status, reason
+        with self._clock("search"):
+            alignment = self._search.around(key, self._T_key_last, seen, alignment)
+            status, reason = self._assess(alignment, timestamp)
+            if status is not Status.LOST or not self._is_far_step(timestamp):
+                return alignment, status, reason
+            gap = self._period(timestamp)
+            farther = self._search.farther(key, self._T_key_last, seen, gap)
+        if farther is None:
+            return alignment, status, reason
+        self._doubt_time, self._doubt = timestamp, STEPPED
+        return farther, Status.DEGRADED, FAR_STEP
+
+    def _give_up(self, seen: Seen, reason: str, alignment: Alignment | None) -> TrackedFrame:
+        """Go on by depth where there are hardly any edges; else the frame is lost."""
+        hardly_any = len(seen.samples) < HARDLY_ANY * self.config.registration.min_matches
+        if hardly_any and self._may_follow_depth(seen.frame):
+            return self._follow_depth(seen, reason)
+        return self._lose_sight(seen, reason, alignment)
+
+    def _lose_sight(self, seen: Seen, reason: str, alignment: Alignment | None) -> TrackedFrame:
+        """Lose a frame whose edges are known."""
+        counts = len(seen.edges), len(seen.samples)
+        return self._lose(seen.frame.timestamp, reason, *counts, alignment)
 
     def _rewind(self, timestamp: float) -> None:
         """Begin to count anew where a clock has jumped back, as a recording that starts over."""
@@ -370,8 +382,7 @@ class Odometry:
             with self._clock("witness"):
                 status, reason = self._question(seen, alignment, status, reason)
         if status is Status.LOST:
-            reason = f"{few}; {misfit or reason}"
-            return self._lose(timestamp, reason, len(seen.edges), len(seen.samples), alignment)
+            return self._lose_sight(seen, f"{few}; {misfit or reason}", alignment)
         if loose:
             self._sure = False
             if self._anchor is None:

@@ -22,6 +22,7 @@ STRIDE = 4  # a search takes one sample in so many
 LOOP_M, LOOP_RAD = 0.03, math.radians(1.5)  # that a frame found again may be off, both ways
 DRIFT_M, DRIFT_M_S = 0.1, 0.5  # how far from where it is expected a lost camera may well be
 APART_M, APART_RAD = 0.1, math.radians(5.0)  # poses nearer to each other are the same place
+COARSE = (2, 1)  # turns of a search, so many to either side, up and down
 FINE_DEG, FINE = 4.0, (5, 2)  # turns of a far step, so many to either side, up and down
 LESS_DOUBT = 1 / 3  # times that of depth, where it may be out of step
 LEAST_FIT, FAR_FIT = 0.6, 0.4  # of the edges in view, both ways: less is no place at all
@@ -99,7 +100,7 @@ class Search:
         few, points = seen.samples.every(STRIDE), seen.points
         already = 0.0 if found is None else agreement(found, key.planes, points)
         best, most = None, already
-        for turn in _turns(self._config.motion.search_deg, 2, 1):
+        for turn in _turns(self._config.motion.search_deg, *COARSE):
             tried = self._register(key, few, points, T_key_start @ turn)
             agreed = agreement(tried, key.planes, points)
             if agreed > most:
@@ -146,14 +147,14 @@ class Search:
         starts += [(key, np.eye(4)) for key in likest]
         starts += self._rivals  # a doubt lasts until one of them no longer fits
         hunt = self._hunt(seen, expected, gap_s)
-        turns = _turns(self._config.motion.search_deg, 2, 1)
+        turns = _turns(self._config.motion.search_deg, *COARSE)
         turned = [(key, start @ turn) for key, start in starts for turn in turns]
         turned += [(key, se3.inverse(key.T_world_key) @ T) for key in likest for T in expected]
         rivals = self._with_rivals(hunt, self._look_closely(hunt, self._promising(hunt, turned)))
         if not rivals:
             return None  # a doubt outlives a frame that fits nothing
-        self._rivals = [(place.key, place.found.T_ref_cur) for place in rivals[:RIVALS]]
-        if len(rivals) != 1:
+        if len(rivals) > 1:
+            self._rivals = [(place.key, place.found.T_ref_cur) for place in rivals[:RIVALS]]
             return None
         self._rivals = []
         best = rivals[0]
@@ -189,9 +190,10 @@ class Search:
         turned = [(key, T_key_start @ turn) for turn in _turns(FINE_DEG, *FINE)]
         places: list[_Place] = []
         hunt = self._hunt(seen, [T_world_start], gap_s)
+        hunt = replace(hunt, must_be_sure=False, least_fit=FAR_FIT)
         for doubt in (1.0, LESS_DOUBT):
             term = self._fitter.term._replace(doubt=self._fitter.term.doubt * doubt)
-            hunt = replace(hunt, term=term, must_be_sure=False, least_fit=FAR_FIT)
+            hunt = replace(hunt, term=term)
             places += self._look_closely(hunt, self._promising(hunt, turned))
         rivals = self._with_rivals(hunt, _distinct(places))
         return rivals[0].found if len(rivals) == 1 and rivals[0].both_ways else None

@@ -51,4 +51,13 @@ Target = Annotated[Path | None, typer.Argument(help="Folder to write.", metavar=
 Frequency = Annotated[
     float | None, typer.Option(help="Of the light, Hz; the model's own by default.")
 ]
+Jumps = Annotated[
+    list[float] | None,
+    typer.Option(
+        "--jump",
+        help="Instant of a sudden jump of the light, seconds from the first image; may be "
+        "repeated. One every 1.5 s at random by default.",
+        metavar="SECONDS",
+    ),
+]
 Overwrite = Annotated[bool, typer.Option("--force", help="Write into a filled folder.")]

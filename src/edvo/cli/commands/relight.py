@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from edvo.cli.commands.options import CameraFile, Frequency, Overwrite, Target
+from edvo.cli.commands.options import CameraFile, Frequency, Jumps, Overwrite, Target
 
 
 def relight(
@@ -23,14 +23,7 @@ def relight(
     ] = 0.5,
     frequency: Frequency = None,
     seed: Annotated[int, typer.Option(help="Of jumps, paths and noise.", min=0)] = 0,
-    jump: Annotated[
-        list[float] | None,
-        typer.Option(
-            help="Instant of a sudden jump, seconds from the first image; may be repeated. "
-            "One every 1.5 s at random by default.",
-            metavar="SECONDS",
-        ),
-    ] = None,
+    jump: Jumps = None,
     camera: CameraFile = None,
     force: Overwrite = False,
     list_: Annotated[bool, typer.Option("--list", help="Show the models of light.")] = False,

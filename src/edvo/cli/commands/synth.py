@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from edvo.cli.commands.options import CameraFile, Frequency, Overwrite, Target
+from edvo.cli.commands.options import CameraFile, Frequency, Jumps, Overwrite, Target
 
 
 def synth(
@@ -33,14 +33,7 @@ def synth(
         float, typer.Option(help="How hard the light changes.", min=0.0, max=1.0)
     ] = 0.5,
     frequency: Frequency = None,
-    jump: Annotated[
-        list[float] | None,
-        typer.Option(
-            help="Instant at which the light jumps, seconds; may be repeated. One every 1.5 s at "
-            "random by default.",
-            metavar="SECONDS",
-        ),
-    ] = None,
+    jump: Jumps = None,
     exposure: Annotated[
         float,
         typer.Option(
