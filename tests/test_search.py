@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from edvo import se3
+from edvo.chamfer import Guess
 from edvo.config import Config
 from edvo.edges import extract_edges
 from edvo.frame import Frame
-from edvo.odometry import Odometry, Status
+from edvo.odometry import NOT_ALONE, Odometry, Status
 from edvo.sampling import sample_edges
 from edvo.search import Seen, _Place
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
@@ -53,34 +54,53 @@ def test_a_turn_too_wide_for_the_edges_is_found(apart):
     assert angle < 0.5
 
 
-def test_the_search_turns_the_camera_where_it_is(apart):
-    """Not round the keyframe's: far from that, a turn would carry it away."""
-    camera, frames, _ = apart
-    odometry = Odometry(camera)
-    odometry.track(frames[0])
-    T = se3.exp(np.array([0.4, 0.0, 0.1, 0.0, 0.1, 0.0]))
-    starts = []
-
-    def keep(key, samples, points, given):
-        starts.append(given)
-        return align(key, samples, points, given)
-
-    align, odometry._search._register = odometry._search._register, keep
-    key = odometry._keyframe
-    seen = type("Seen", (), {"samples": key.samples, "points": key.points})
-    odometry._search.around(key, T, seen)
-    assert len(starts) == 16
-    np.testing.assert_allclose([s[:3, 3] for s in starts[:15]], [T[:3, 3]] * 15, atol=1e-12)
-
-
-def test_the_search_never_makes_it_worse(apart):
+def test_no_search_where_a_glance_tells_of_no_other_place(apart):
     camera, frames, _ = apart
     odometry = Odometry(camera)
     odometry.track(frames[0])
     key = odometry._keyframe
     seen = type("Seen", (), {"samples": key.samples, "points": key.points})
     perfect = odometry._search._register(key, key.samples, key.points, np.eye(4))
+    odometry._search._register = None  # may not be called
     assert odometry._search.around(key, np.eye(4), seen, perfect) is perfect
+
+
+def test_the_search_never_makes_it_worse(began, monkeypatch):
+    odometry, seen, truth = began
+    key, search = odometry._keyframe, odometry._search
+    right = search._register(key, seen.samples, seen.points, truth)
+    astray = se3.exp(np.array([0.0, 0.0, 0.0, 0.0, np.radians(-20.0), 0.0]))
+    monkeypatch.setattr(key.chamfer, "likely", lambda *given: [Guess(256.0, astray)])
+    assert search.around(key, np.eye(4), seen, right) is right
+
+
+def test_a_step_higher_it_is_told_that_another_place_fits(stairs):
+    odometry, seen, truth = stairs
+    key, search = odometry._keyframe, odometry._search
+    aside = np.array([se3.exp(np.array([*way, 0.0, 0.0, 0.0])) for way in 0.33 * np.eye(3)])
+    steps = key.chamfer.beside(seen.samples, truth @ aside)
+    wrong = next(g.T_ref_cur for g in steps if np.linalg.norm((g.T_ref_cur - truth)[:3, 3]) > 0.2)
+    assert not search.is_alone(key, wrong, seen)
+    assert search.is_alone(key, truth, seen)
+
+
+def test_a_cabinet_is_told_from_what_is_beside_it(began):
+    odometry, seen, truth = began
+    assert odometry._search.is_alone(odometry._keyframe, truth, seen)
+
+
+def test_a_far_step_that_fits_elsewhere_too_is_degraded(apart, monkeypatch):
+    camera, frames, _ = apart
+    odometry = Odometry(camera)
+    odometry.track(frames[0])
+    monkeypatch.setattr(odometry._search, "is_alone", lambda *given: False)
+    noise = np.random.default_rng(0).integers(-1, 2, frames[0].grey.shape)
+    grey = np.clip(frames[0].grey + noise, 0, 255).astype(np.uint8)
+    soon = odometry.track(Frame(frames[0].timestamp + PERIOD, grey, frames[0].depth))
+    assert soon.status is Status.TRACKED  # not far
+    later = odometry.track(Frame(frames[0].timestamp + 0.6, frames[0].grey, frames[0].depth))
+    assert later.status is Status.DEGRADED
+    assert later.reason == NOT_ALONE
 
 
 def test_no_search_without_doubt(apart):
@@ -114,6 +134,22 @@ def began(apart):
     )
     seen = Seen(frames[1], edges, samples, odometry._fitter.points(frames[1].depth))
     return odometry, seen, truth
+
+
+@pytest.fixture(scope="module")
+def stairs(tmp_path_factory):
+    """A frame of stairs, and how it would be seen by a camera that has hardly moved."""
+    source = SyntheticSource(make_recipe("stairs", frames=2))
+    odometry = Odometry(source.camera)
+    frames = [source.read(i).frame for i in range(2)]
+    odometry.track(frames[0])
+    edges = extract_edges(frames[1].grey, odometry.config.edges)
+    samples = sample_edges(
+        edges, frames[1].depth, source.camera, odometry.config.sampling, odometry.config.edges, 1
+    )
+    T = [source.ground_truth.at(frame.timestamp) for frame in frames]
+    seen = Seen(frames[1], edges, samples, odometry._fitter.points(frames[1].depth))
+    return odometry, seen, se3.inverse(T[0]) @ T[1]
 
 
 def test_a_far_step_is_found_from_a_start_that_is_off(began):
@@ -166,6 +202,7 @@ def test_of_two_places_that_fit_neither_is_taken(began, monkeypatch, worth, is_f
         _Place(1.0, truth, key, found, 0.8, True),
         _Place(worth, elsewhere, key, replace(found, T_ref_cur=elsewhere), 0.8, True),
     ]
+    monkeypatch.setattr(search, "_glance", lambda *given: [])
     monkeypatch.setattr(search, "_promising", lambda *given: [])
     looked = iter([places[:1], places[1:]])  # the second one is found beside the first
     monkeypatch.setattr(search, "_look_closely", lambda *given: next(looked))

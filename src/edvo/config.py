@@ -282,9 +282,10 @@ class MotionConfig(Section):
         default=4, description="the check looks at one sample in so many"
     )
     search_deg: Annotated[float, Field(ge=0, le=45)] = Field(
-        default=6.0,
-        description="a registration that is in doubt is tried again from turns: so much and twice "
-        "that to either side, with so much up and down; 0 for none. Not in the paper",
+        default=24.0,
+        description="where a registration is in doubt, or a step is a far one, turns of the camera "
+        "up to so much to either side, and half as much up and down, are judged at a glance, and "
+        "the likeliest registered; 0 for none. Not in the paper",
     )
     max_speed_m_s: Positive = Field(default=5.0, description="a faster pose is an error")
     max_turn_deg_s: Positive = Field(default=500.0, description="a faster turn is an error")

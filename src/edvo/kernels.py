@@ -24,7 +24,8 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 NO_MATCH = -1
 SLACK = 1e-3  # px; keeps cell bounds safe against rounding
-FIRST_REACH = 8.0  # px; window of a query that has no hint
+FIRST_REACH = 4.0  # px; window of a query that has no hint, where distance alone counts,
+WIDE_REACH = 8.0  # px; and where direction does, too: the nearest edge is then not often the best
 MARGIN = 1.0  # px; how far a window looks past what it needs, so that its answer lasts longer
 MIN_DEPTH = 0.05  # m; what is nearer after the warp has no usable projection
 TAN_22_5 = np.sqrt(2.0) - 1.0  # half of the angle between four directions
@@ -163,6 +164,17 @@ class PlaneMatches(NamedTuple):
     normal: F64  # (M, 3) of its plane, over the noise across it, 1/m
     residuals: F64  # (M,) distance over that noise
     point: I32  # (M,) which point it is
+
+
+class Chamfer(NamedTuple):
+    """Edges to be judged by how near they fall to those of a reference image."""
+
+    images: NDArray[np.uint8]  # (directions, rows, cols) 255 on an edge, less beside it
+    cell: float  # px, of these images
+    points: F32  # (3, N) the edges in the current camera, m
+    directions: I32  # (N,) of their gradients
+    camera: Pinhole
+    least: float  # so many count at least as being in view
 
 
 class Solver(NamedTuple):
@@ -716,7 +728,7 @@ def nearest_in_grid(
     """
     extent = (grid.cols + grid.rows) / grid.inverse + abs(u - grid.left) + abs(v - grid.top)
     limit = min(np.sqrt(criterion.limit), extent)
-    reach = min(FIRST_REACH, limit)
+    reach = min(WIDE_REACH if criterion.direction > 0 else FIRST_REACH, limit)
     if hint >= 0:
         cost = match_cost(grid.points, hint, u, v, gu, gv, criterion)
         if cost < np.inf:
@@ -1242,11 +1254,14 @@ def best_start(
     criterion: Criterion,
     solver: Solver,
     stride: np.int64,
+    matches: Matches,
 ) -> int:
-    """Which of several poses has the lowest cost over every ``stride``-th sample, at unit scale."""
+    """Which of several poses has the lowest cost over every ``stride``-th sample, at unit scale.
+
+    What is left in ``matches`` are hints for what is matched next.
+    """
     best, best_cost = 0, np.inf
     if starts.shape[0] > 1 and points.shape[0] > 0:
-        matches = new_matches(points.shape[0])
         residuals = np.empty(points.shape[0])
         taken = (points.shape[0] + stride - 1) // stride
         for s in range(starts.shape[0]):
@@ -1321,6 +1336,7 @@ def align(
             robust if first_stage == 0 else normal,
             solver,
             stride,
+            matches,
         )
     ]
     reason, iterations, count = EXHAUSTED, 0, 0
@@ -1455,6 +1471,114 @@ def align(
         k = matches.edge[i]
         index[i] = grid.order[k] if k >= 0 else NO_MATCH
     return reason, iterations, count, sigma, cost, near_count, sigma_d, balance
+
+
+# ------------------------------------------------------------------------------------- chamfer
+
+
+@compiled_with(error_model="numpy")
+def chamfer_score(chamfer: Chamfer, T: F64, u: F32, v: F32) -> float:
+    """Mean score, of 255, of the cells that the points fall into under a pose.
+
+    ``u`` and ``v`` (N,) are room to work in: the first loop then runs on vectors.
+    """
+    camera, points = chamfer.camera, chamfer.points
+    rows, cols = chamfer.images.shape[1], chamfer.images.shape[2]
+    inverse = np.float32(1 / chamfer.cell)
+    fx, fy = np.float32(camera.fx) * inverse, np.float32(camera.fy) * inverse
+    cx, cy = np.float32(camera.cx + 0.5) * inverse, np.float32(camera.cy + 0.5) * inverse
+    t00, t01, t02, t03 = (
+        np.float32(T[0, 0]),
+        np.float32(T[0, 1]),
+        np.float32(T[0, 2]),
+        np.float32(T[0, 3]),
+    )
+    t10, t11, t12, t13 = (
+        np.float32(T[1, 0]),
+        np.float32(T[1, 1]),
+        np.float32(T[1, 2]),
+        np.float32(T[1, 3]),
+    )
+    t20, t21, t22, t23 = (
+        np.float32(T[2, 0]),
+        np.float32(T[2, 1]),
+        np.float32(T[2, 2]),
+        np.float32(T[2, 3]),
+    )
+    behind = np.float32(-1)
+    for i in range(points.shape[1]):
+        x, y, z = points[0, i], points[1, i], points[2, i]
+        pz = t20 * x + t21 * y + t22 * z + t23
+        u[i] = fx * (t00 * x + t01 * y + t02 * z + t03) / pz + cx
+        v[i] = fy * (t10 * x + t11 * y + t12 * z + t13) / pz + cy
+        u[i] = u[i] if pz > MIN_DEPTH else behind
+    total, in_view = 0, 0
+    for i in range(points.shape[1]):
+        if 0 <= u[i] < cols and 0 <= v[i] < rows:
+            in_view += 1
+            total += chamfer.images[chamfer.directions[i], int(v[i]), int(u[i])]
+    return total / max(in_view, chamfer.least)
+
+
+@compiled
+def chamfer_search(
+    chamfer: Chamfer,
+    starts: F64,
+    most_trace: float,
+    step_m: float,
+    step_rad: float,
+    halvings: int,
+    rounds: int,
+    found: F64,
+    scores: F64,
+) -> int:
+    """Climb from the best starts whose rotations are apart: no trace above ``most_trace``.
+
+    A climb tries a step to either side along each axis of the camera and about it, takes the
+    best, at most ``rounds`` times, and goes on with steps half as long. Writes as many poses as
+    ``found`` holds, and their scores, the best start first; returns how many.
+    """
+    values = np.empty(starts.shape[0])
+    u, v = np.empty((2, chamfer.directions.size), np.float32)
+    for s in range(starts.shape[0]):
+        values[s] = chamfer_score(chamfer, starts[s], u, v)
+    count = 0
+    for s in np.argsort(-values):
+        if count == found.shape[0]:
+            break
+        near = False
+        for k in range(count):
+            trace = 0.0
+            for i in range(3):
+                for j in range(3):
+                    trace += starts[s, i, j] * found[k, i, j]
+            near = near or trace > most_trace
+        if not near:
+            found[count] = starts[s]
+            scores[count] = values[s]
+            count += 1
+    steps = np.empty((12, 4, 4))
+    twist = np.zeros(6)
+    for halving in range(halvings):
+        for axis in range(6):
+            length = (step_m if axis < 3 else step_rad) / 2**halving
+            for side in range(2):
+                twist[axis] = length if side else -length
+                steps[2 * axis + side] = exp_se3(twist)
+            twist[axis] = 0
+        for k in range(count):
+            for _ in range(rounds):
+                here = found[k].copy()
+                climbed = False
+                for way in range(12):
+                    T = product(here, steps[way])
+                    score = chamfer_score(chamfer, T, u, v)
+                    if score > scores[k]:
+                        scores[k], climbed = score, True
+                        found[k] = T
+                if not climbed:
+                    break
+    return count
 
 
 # ---------------------------------------------------------------------------------- uncertainty

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edvo import se3
+from edvo.chamfer import ChamferMap
 from edvo.config import KeyframesConfig
 from edvo.edges import EdgePixels
 from edvo.matching import EdgeIndex
@@ -32,6 +33,8 @@ class Keyframe:
         points on its planes, to register it with a frame the other way round.
     view : ndarray of float64, shape (96,)
         What it looks like; see ``EdgeImage.view``.
+    chamfer : ChamferMap
+        To tell at a glance where another frame may have been taken.
     """
 
     index: int
@@ -41,6 +44,7 @@ class Keyframe:
     samples: EdgePixels
     points: PlanePoints
     view: NDArray[np.float64]
+    chamfer: ChamferMap
 
 
 class KeyframeStore:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from edvo import kernels, se3
 from edvo.camera import Camera
+from edvo.chamfer import ChamferMap
 from edvo.clock import Clock, StageClock, no_clock
 from edvo.config import Config
 from edvo.depth_alone import DepthAlone
@@ -40,6 +41,7 @@ LONG_LOST_S, LONG_LOST_FRAMES = 0.3, 3
 DOUBTFUL_S = 1.0  # after what raises doubt, a pose is no better than the way that led to it
 MOVED, ASTRAY = "something moved less than a second ago", "found again, lost from a doubtful pose"
 FAR_STEP = "a far step: of what both see enough fits, and nothing else does"
+NOT_ALONE = "a far step, and beside where it led the edges fit as well"
 STEPPED = "a far step less than a second ago"
 FREEZE_S = 0.3  # for so long images may repeat: a recorder wrote one twice
 HARDLY_ANY = 5  # times the fewest edges that can be registered: too few to doubt depth by
@@ -281,12 +283,18 @@ class Odometry:
         assert self._keyframe is not None
         key, timestamp = self._keyframe, seen.frame.timestamp
         with self._clock("registration"):
-            starts = self._starts(timestamp)
+            starts = self._starts(timestamp, seen)
             alignment = self._registration.align(
                 key.edges, seen.samples, starts, key.planes, seen.points, self._fitter.term
             )
         status, reason = self._assess(alignment, timestamp)
-        if status is Status.TRACKED or not self.config.motion.search_deg:
+        if not self.config.motion.search_deg:
+            return alignment, status, reason
+        if status is Status.TRACKED:
+            if self._is_far_step(timestamp):
+                with self._clock("search"):
+                    if not self._search.is_alone(key, alignment.T_ref_cur, seen):
+                        status, reason = Status.DEGRADED, NOT_ALONE
             return alignment, status, reason
         with self._clock("search"):
             alignment = self._search.around(key, self._T_key_last, seen, alignment)
@@ -584,14 +592,16 @@ class Odometry:
 
     def _set_keyframe(self, seen: Seen) -> None:
         with self._clock("keyframe"):
+            edges = seen.edges.describe(self.camera)
             self._keyframe = Keyframe(
                 index=self._count,
                 T_world_key=_rigid(self._T_world_last),
-                edges=self._registration.index(seen.edges.describe(self.camera)),
+                edges=self._registration.index(edges),
                 planes=self._fitter.planes(seen.frame.depth),
                 samples=seen.samples,
                 points=seen.points,
                 view=seen.edges.view(),
+                chamfer=ChamferMap(edges, self.camera),
             )
             self._T_key_last = np.eye(4)
             if self.config.keyframes.stored:
@@ -608,14 +618,17 @@ class Odometry:
         """Motion since the last pose, at constant velocity."""
         return se3.exp(self._velocity * min(self._period(timestamp), LONGEST_PREDICTION_S))
 
-    def _starts(self, timestamp: float) -> NDArray[np.float64]:
+    def _starts(self, timestamp: float, seen: Seen) -> NDArray[np.float64]:
         """Poses to start from, relative to the keyframe."""
+        assert self._keyframe is not None
         still = self._T_key_last
         starts = [still]
         if self.config.motion.prior == "constant-velocity":
             starts.insert(0, still @ self._ahead(timestamp))
         if self._losses:
             starts.append(np.eye(4))  # the camera may have come back to where the keyframe was
+        if self.config.motion.search_deg and self._is_far_step(timestamp):
+            starts += self._search.likely(self._keyframe, still, seen)
         return np.array(starts)
 
     def _question(

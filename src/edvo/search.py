@@ -22,14 +22,17 @@ STRIDE = 4  # a search takes one sample in so many
 LOOP_M, LOOP_RAD = 0.03, math.radians(1.5)  # that a frame found again may be off, both ways
 DRIFT_M, DRIFT_M_S = 0.1, 0.5  # how far from where it is expected a lost camera may well be
 APART_M, APART_RAD = 0.1, math.radians(5.0)  # poses nearer to each other are the same place
-COARSE = (2, 1)  # turns of a search, so many to either side, up and down
-FINE_DEG, FINE = 4.0, (5, 2)  # turns of a far step, so many to either side, up and down
-LESS_DOUBT = 1 / 3  # times that of depth, where it may be out of step
-LEAST_FIT, FAR_FIT = 0.6, 0.4  # of the edges in view, both ways: less is no place at all
+LIKELY = 3  # places that a glance tells are looked at, from each start
+MORE = 6  # of a far step
+GLANCES = 12  # and of a lost camera, in all
+ELSE_M, ELSE_RAD = 0.05, math.radians(1.5)  # nearer to what was found a guess is no other place
+LESS_DOUBT = 0.1  # times that of depth, where it may be out of step
+LEAST_FIT, FAR_FIT = 0.6, 0.3  # of the edges in view, both ways: less is no place at all
 SHARPNESS = 8  # a few more edges explained outweigh much of a way
 RIVAL = 0.6  # of the best fit: a place that fits so well cannot be told from it
 RIVALS = 3  # that are followed at most
 PLACES, SLIGHT = 6, 0.3  # that are looked at closely, unless few samples fit so much worse
+AS_WELL = 0.96  # of the score of a place: by a glance that cannot be told from it
 ASIDE_M = (0.2, 0.4, 0.8)  # steps, shelves, and doors repeat at about such distances
 SIDES = [sign * axis for axis in np.eye(3) for sign in (-1, 1)]
 
@@ -69,6 +72,7 @@ class Search:
         self._registration = registration
         self._fitter = fitter
         self._judge = judge
+        self._reach = config.motion.search_deg
         self._rivals: list[tuple[Keyframe, NDArray[np.float64]]] = []  # and T_key_cur of each
 
     def around(
@@ -78,10 +82,9 @@ class Search:
         seen: Seen,
         found: Alignment | None = None,
     ) -> Alignment:
-        """Look for where both edges and depth agree best, with few samples, from many turns.
+        """Look for where both edges and depth agree best, with few samples, from likely places.
 
-        A hand turns a camera faster than it carries it, so what an image moves by is mostly yaw
-        and pitch.
+        Places are told at a glance, from where edges fall; see `edvo.chamfer`.
 
         Parameters
         ----------
@@ -97,20 +100,73 @@ class Search:
         Alignment
             ``found``, if nothing agrees better.
         """
-        few, points = seen.samples.every(STRIDE), seen.points
-        already = 0.0 if found is None else agreement(found, key.planes, points)
+        samples, points = seen.samples, seen.points
+        guesses = key.chamfer.likely(samples, T_key_start, self._reach, MORE)
+        already = 0.0
+        if found is not None:
+            already = agreement(found, key.planes, points)
+            known, score = found.T_ref_cur, key.chamfer.score(samples, found.T_ref_cur)
+            guesses = [
+                guess
+                for guess in guesses
+                if guess.score > score and _is_apart(guess.T_ref_cur, [known], ELSE_M, ELSE_RAD)
+            ]
+            if not guesses:
+                return found  # a glance tells that it is nowhere else
+        few = samples.every(STRIDE)
         best, most = None, already
-        for turn in _turns(self._config.motion.search_deg, *COARSE):
-            tried = self._register(key, few, points, T_key_start @ turn)
+        for guess in guesses:
+            tried = self._register(key, few, points, guess.T_ref_cur)
             agreed = agreement(tried, key.planes, points)
             if agreed > most:
                 best, most = tried.T_ref_cur, agreed
         if best is None and found is not None:
             return found
-        again = self._register(key, seen.samples, points, T_key_start if best is None else best)
+        again = self._register(key, samples, points, T_key_start if best is None else best)
         if found is not None and agreement(again, key.planes, points) <= already:
             return found  # what few samples promised, all of them do not keep
         return again
+
+    def likely(
+        self, key: Keyframe, T_key_start: NDArray[np.float64], seen: Seen
+    ) -> list[NDArray[np.float64]]:
+        """Tell at a glance where a frame may belong.
+
+        Parameters
+        ----------
+        key : Keyframe
+        T_key_start : ndarray of float64, shape (4, 4)
+            Where the camera may have turned from.
+        seen : Seen
+
+        Returns
+        -------
+        list of ndarray of float64, shape (4, 4)
+            ``T_key_cur``, the likeliest first.
+        """
+        guesses = key.chamfer.likely(seen.samples, T_key_start, self._reach, LIKELY)
+        return [guess.T_ref_cur for guess in guesses]
+
+    def is_alone(self, key: Keyframe, T_key_cur: NDArray[np.float64], seen: Seen) -> bool:
+        """Tell at a glance whether no place beside the one found fits as well, as steps do.
+
+        Parameters
+        ----------
+        key : Keyframe
+        T_key_cur : ndarray of float64, shape (4, 4)
+            The pose found.
+        seen : Seen
+
+        Returns
+        -------
+        bool
+        """
+        starts = np.array([_moved(T_key_cur, side * far) for far in ASIDE_M for side in SIDES])
+        enough = AS_WELL * key.chamfer.score(seen.samples, T_key_cur)
+        return not any(
+            guess.score > enough and _is_apart(guess.T_ref_cur, [T_key_cur])
+            for guess in key.chamfer.beside(seen.samples, starts)
+        )
 
     def everywhere(
         self,
@@ -147,10 +203,9 @@ class Search:
         starts += [(key, np.eye(4)) for key in likest]
         starts += self._rivals  # a doubt lasts until one of them no longer fits
         hunt = self._hunt(seen, expected, gap_s)
-        turns = _turns(self._config.motion.search_deg, *COARSE)
-        turned = [(key, start @ turn) for key, start in starts for turn in turns]
-        turned += [(key, se3.inverse(key.T_world_key) @ T) for key in likest for T in expected]
-        rivals = self._with_rivals(hunt, self._look_closely(hunt, self._promising(hunt, turned)))
+        starts += [(key, se3.inverse(key.T_world_key) @ T) for key in likest for T in expected]
+        starts = [*self._rivals, *self._glance(starts, seen)]
+        rivals = self._with_rivals(hunt, self._look_closely(hunt, self._promising(hunt, starts)))
         if not rivals:
             return None  # a doubt outlives a frame that fits nothing
         if len(rivals) > 1:
@@ -169,9 +224,8 @@ class Search:
     ) -> Alignment | None:
         """Look for a step that is too far for the judge: little may be in view of both.
 
-        Turns are tried more finely and more widely, and depth counts as it does and less: in a
-        fast turn it is out of step with the edges. What is found has to explain enough of what
-        both see, both ways, and nothing else may.
+        Depth counts as it does and less: in a fast turn it is out of step with the edges. What is
+        found has to explain enough of what both see, both ways, and nothing else may.
 
         Parameters
         ----------
@@ -187,16 +241,35 @@ class Search:
         Alignment or None
         """
         T_world_start = key.T_world_key @ T_key_start
-        turned = [(key, T_key_start @ turn) for turn in _turns(FINE_DEG, *FINE)]
+        guesses = key.chamfer.likely(seen.samples, T_key_start, self._reach, MORE)
+        starts = [(key, T_key_start)] + [(key, guess.T_ref_cur) for guess in guesses]
         places: list[_Place] = []
         hunt = self._hunt(seen, [T_world_start], gap_s)
-        hunt = replace(hunt, must_be_sure=False, least_fit=FAR_FIT)
+        hunt = replace(hunt, must_be_sure=False, least_fit=FAR_FIT, apart=(ELSE_M, ELSE_RAD))
         for doubt in (1.0, LESS_DOUBT):
             term = self._fitter.term._replace(doubt=self._fitter.term.doubt * doubt)
             hunt = replace(hunt, term=term)
-            places += self._look_closely(hunt, self._promising(hunt, turned))
+            places += self._look_closely(hunt, self._promising(hunt, starts))
         rivals = self._with_rivals(hunt, _distinct(places))
         return rivals[0].found if len(rivals) == 1 and rivals[0].both_ways else None
+
+    def _glance(
+        self, starts: Sequence[tuple[Keyframe, NDArray[np.float64]]], seen: Seen
+    ) -> list[tuple[Keyframe, NDArray[np.float64]]]:
+        """Choose the likeliest of all places that a glance tells from several starts."""
+        guesses = [
+            (guess.score, key, guess.T_ref_cur)
+            for key, start in starts
+            for guess in key.chamfer.likely(seen.samples, start, self._reach, LIKELY)
+        ]
+        chosen: list[tuple[Keyframe, NDArray[np.float64]]] = []
+        taken: list[NDArray[np.float64]] = []
+        for _, key, T_key_cur in sorted(guesses, key=lambda guess: -guess[0]):
+            T_world_cam = key.T_world_key @ T_key_cur
+            if len(chosen) < GLANCES and _is_apart(T_world_cam, taken, ELSE_M, ELSE_RAD):
+                taken.append(T_world_cam)
+                chosen.append((key, T_key_cur))
+        return chosen
 
     def _hunt(self, seen: Seen, expected: Sequence[NDArray[np.float64]], gap_s: float) -> "_Hunt":
         return _Hunt(
@@ -244,7 +317,11 @@ class Search:
         chosen: list[tuple[Keyframe, NDArray[np.float64]]] = []
         taken = [place.T_world_cam for place in known]
         for fit, key, T_world_cam in fits:
-            if len(chosen) < PLACES and fit >= SLIGHT * best and _is_apart(T_world_cam, taken):
+            if (
+                len(chosen) < PLACES
+                and fit >= SLIGHT * best
+                and _is_apart(T_world_cam, taken, *hunt.apart)
+            ):
                 taken.append(T_world_cam)
                 chosen.append((key, T_world_cam))
         return chosen
@@ -317,6 +394,7 @@ class _Hunt:
     term: DepthTerm
     must_be_sure: bool = True
     least_fit: float = LEAST_FIT
+    apart: tuple[float, float] = (APART_M, APART_RAD)
 
     def away(self, T_world_cam: NDArray[np.float64]) -> float:
         """Metres from the nearest pose that is expected."""
@@ -337,18 +415,6 @@ class _Place:
     found: Alignment
     agreed: float
     both_ways: bool
-
-
-def _turns(step_deg: float, yaws: int, pitches: int) -> list[NDArray[np.float64]]:
-    """What a camera may have turned by, in its own frame: so many steps to either side."""
-    step = math.radians(step_deg)
-    if not step:
-        return [np.eye(4)]
-    return [
-        se3.exp(np.array([0.0, 0.0, 0.0, pitch * step, yaw * step, 0.0]))
-        for yaw in range(-yaws, yaws + 1)
-        for pitch in range(-pitches, pitches + 1)
-    ]
 
 
 def _is_loop(found: Alignment, back: Alignment) -> bool:
@@ -374,9 +440,14 @@ def _distinct(places: Sequence[_Place]) -> list[_Place]:
     return kept
 
 
-def _is_apart(T: NDArray[np.float64], others: Sequence[NDArray[np.float64]]) -> bool:
+def _is_apart(
+    T: NDArray[np.float64],
+    others: Sequence[NDArray[np.float64]],
+    metres: float = APART_M,
+    radians: float = APART_RAD,
+) -> bool:
     return all(
-        _distance(T, other) > APART_M or se3.rotation_angle(se3.inverse(T) @ other) > APART_RAD
+        _distance(T, other) > metres or se3.rotation_angle(se3.inverse(T) @ other) > radians
         for other in others
     )
 

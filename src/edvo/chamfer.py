@@ -1,0 +1,220 @@
+"""Directional chamfer matching: where a frame may belong, told at a glance from its edges alone.
+
+After Liu, Tuzel, Veeraraghavan and Chellappa, *Fast Directional Chamfer Matching*, CVPR 2010: how
+near an edge of like direction is stands in a small image for each direction, so that a pose is
+judged by one look-up an edge and hundreds of poses cost no more than one registration. Poses that
+score well are climbed from; where that leads is where registration starts.
+"""
+
+import functools
+import math
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from edvo import kernels, se3
+from edvo.camera import Camera
+from edvo.edges import EdgePixels
+from edvo.planes import camera_of
+
+CELL_PX = 4.0  # of the small images
+DIRECTIONS = 8  # over a full turn: an edge from dark to bright is none from bright to dark
+REACH_CELLS = 6.0  # an edge so far away is none
+STEP_DEG = 3.0  # of the turns that are tried first; half the reach of an edge, or less
+ROLL_DEG = 5.0  # one roll to either side; edges of the next direction count, too
+TRIED_EDGES = 250  # a pose is judged by so many, at least
+IN_VIEW = 0.5  # of them, of which those in view count at least
+CLIMBED = 8  # of the best turns
+APART_DEG = 3.0  # which are that far from each other
+CLIMB_M, CLIMB_DEG = 0.1, 1.5  # the first steps of a climb
+ANY_TRACE = 4.0  # of a rotation: none has a greater one than 3
+HALVINGS, ROUNDS = 3, 2  # of the steps; with so many of each length at most
+
+
+class Guess(NamedTuple):
+    """A pose that registration may start from.
+
+    Attributes
+    ----------
+    score : float
+        Mean score of the edges, up to 255.
+    T_ref_cur : ndarray of float64, shape (4, 4)
+    """
+
+    score: float
+    T_ref_cur: NDArray[np.float64]
+
+
+class ChamferMap:
+    """How near each place of an image is to an edge of each direction.
+
+    It is worked out when it is first asked for.
+
+    Parameters
+    ----------
+    edges : EdgePixels
+        Of the reference image; their depth does not matter.
+    camera : Camera
+        Of both images.
+    """
+
+    def __init__(self, edges: EdgePixels, camera: Camera) -> None:
+        self._edges = edges
+        self._camera = camera
+        self._images: NDArray[np.uint8] | None = None
+
+    def likely(
+        self,
+        samples: EdgePixels,
+        T_ref_start: NDArray[np.float64],
+        reach_deg: float,
+        count: int,
+    ) -> list[Guess]:
+        """Find poses whose edges fall near edges of like direction.
+
+        Parameters
+        ----------
+        samples : EdgePixels
+            Of the current image, with depth.
+        T_ref_start : ndarray of float64, shape (4, 4)
+            Turns of the camera are tried about its axes from here.
+        reach_deg : float
+            How far it may have turned by yaw, and half as far by pitch.
+        count : int
+            How many poses at most.
+
+        Returns
+        -------
+        list of Guess
+            The likeliest first.
+        """
+        starts = T_ref_start @ _turns(reach_deg)
+        return self._climb(samples, starts, CLIMBED, APART_DEG)[:count]
+
+    def beside(self, samples: EdgePixels, T_ref_starts: NDArray[np.float64]) -> list[Guess]:
+        """Find where edges fall best, beside each of some poses.
+
+        Parameters
+        ----------
+        samples : EdgePixels
+            Of the current image, with depth.
+        T_ref_starts : ndarray of float64, shape (K, 4, 4)
+
+        Returns
+        -------
+        list of Guess
+            K of them, the likeliest first.
+        """
+        return self._climb(samples, T_ref_starts, len(T_ref_starts), 0.0)
+
+    def score(self, samples: EdgePixels, T_ref_cur: NDArray[np.float64]) -> float:
+        """Say how near edges fall to edges of like direction.
+
+        Parameters
+        ----------
+        samples : EdgePixels
+            Of the current image, with depth.
+        T_ref_cur : ndarray of float64, shape (4, 4)
+
+        Returns
+        -------
+        float
+            Up to 255, as that of a `Guess`.
+        """
+        problem = self._problem(samples)
+        room = np.empty((2, len(problem.directions)), np.float32)
+        return kernels.chamfer_score(problem, T_ref_cur, *room)
+
+    def _climb(
+        self, samples: EdgePixels, starts: NDArray[np.float64], count: int, apart_deg: float
+    ) -> list[Guess]:
+        """Climb from the best starts whose rotations are so far apart."""
+        found, scores = np.empty((count, 4, 4)), np.empty(count)
+        n = kernels.chamfer_search(
+            self._problem(samples),
+            starts,
+            1 + 2 * math.cos(math.radians(apart_deg)) if apart_deg else ANY_TRACE,
+            CLIMB_M,
+            math.radians(CLIMB_DEG),
+            HALVINGS,
+            ROUNDS,
+            found,
+            scores,
+        )
+        order = np.argsort(-scores[:n], kind="stable")
+        return [Guess(float(scores[i]), found[i]) for i in order]
+
+    def _problem(self, samples: EdgePixels) -> kernels.Chamfer:
+        if self._images is None:
+            self._images = score_images(self._edges, self._camera.width, self._camera.height)
+        few = samples.every(max(len(samples) // TRIED_EDGES, 1))
+        return kernels.Chamfer(
+            self._images,
+            CELL_PX,
+            np.ascontiguousarray(few.points(self._camera).T, np.float32),
+            direction_of(few.gradients),
+            camera_of(self._camera),
+            max(IN_VIEW * len(few), 1.0),
+        )
+
+
+def direction_of(gradients: NDArray[np.float32]) -> NDArray[np.int32]:
+    """Sort gradients into directions.
+
+    Parameters
+    ----------
+    gradients : ndarray of float32, shape (N, 2)
+
+    Returns
+    -------
+    ndarray of int32, shape (N,)
+        From 0 to ``DIRECTIONS - 1``.
+    """
+    turns = np.arctan2(gradients[:, 1], gradients[:, 0]) * (DIRECTIONS / (2 * math.pi))
+    return np.floor(turns).astype(np.int32) % DIRECTIONS
+
+
+def score_images(edges: EdgePixels, width: int, height: int) -> NDArray[np.uint8]:
+    """Say for each cell and direction how near an edge is that is turned alike, or nearly so.
+
+    Parameters
+    ----------
+    edges : EdgePixels
+    width, height : int
+        Of the image, px.
+
+    Returns
+    -------
+    ndarray of uint8, shape (DIRECTIONS, rows, cols)
+        255 on an edge of this direction or of one beside it, 0 from ``REACH_CELLS`` on.
+    """
+    rows, cols = math.ceil(height / CELL_PX), math.ceil(width / CELL_PX)
+    u = np.clip(((edges.pixels[:, 0] + 0.5) / CELL_PX).astype(np.intp), 0, cols - 1)
+    v = np.clip(((edges.pixels[:, 1] + 0.5) / CELL_PX).astype(np.intp), 0, rows - 1)
+    empty = np.full((DIRECTIONS, rows, cols), 255, np.uint8)
+    empty[direction_of(edges.gradients), v, u] = 0
+    scores = np.empty_like(empty)
+    for k in range(DIRECTIONS):
+        alike = np.minimum(np.minimum(empty[k], empty[(k + 1) % DIRECTIONS]), empty[k - 1])
+        away = cv2.distanceTransform(alike, cv2.DIST_L2, 3)
+        np.minimum(away, REACH_CELLS, out=away)
+        cv2.convertScaleAbs(away, scores[k], -255 / REACH_CELLS, 255)
+    return scores
+
+
+@functools.cache
+def _turns(reach_deg: float) -> NDArray[np.float64]:
+    """Turns of a camera about its own axes: a hand turns it faster than it carries it."""
+    yaws, pitches = int(reach_deg / STEP_DEG), int(reach_deg / 2 / STEP_DEG)
+    turns = np.array(
+        [
+            se3.exp(np.radians([0.0, 0.0, 0.0, STEP_DEG * pitch, STEP_DEG * yaw, ROLL_DEG * roll]))
+            for yaw in range(-yaws, yaws + 1)
+            for pitch in range(-pitches, pitches + 1)
+            for roll in (-1, 0, 1)
+        ]
+    )
+    turns.setflags(write=False)
+    return turns

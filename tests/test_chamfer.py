@@ -1,0 +1,128 @@
+"""Directional chamfer matching: scores against brute force, and turns that are found."""
+
+import math
+
+import numpy as np
+import pytest
+
+from edvo import chamfer, se3
+from edvo.camera import Camera
+from edvo.chamfer import ChamferMap
+from edvo.edges import EdgePixels
+
+CAMERA = Camera(width=320, height=240, fx=260.0, fy=262.0, cx=158.5, cy=121.0)
+
+
+@pytest.fixture
+def edges() -> EdgePixels:
+    """Edges with depth, clustered as in images: chance alone gives no place away."""
+    rng = np.random.default_rng(3)
+    points = []
+    for _ in range(40):
+        along = np.linspace(0, rng.uniform(10, 60), 20)
+        u, v, angle = rng.uniform(5, 315), rng.uniform(5, 235), rng.uniform(0, 2 * np.pi)
+        points.append(
+            np.column_stack(
+                [
+                    u + along * np.cos(angle),
+                    v + along * np.sin(angle),
+                    np.full(20, -np.sin(angle)),
+                    np.full(20, np.cos(angle)),
+                    np.full(20, rng.uniform(1.5, 4.0)),
+                ]
+            )
+        )
+    table = np.concatenate(points).astype(np.float32)
+    inside = (table[:, 0] > 0) & (table[:, 0] < 319) & (table[:, 1] > 0) & (table[:, 1] < 239)
+    table = table[inside]
+    return EdgePixels(
+        np.ascontiguousarray(table[:, :2]),
+        np.ascontiguousarray(table[:, 2:4]),
+        np.ascontiguousarray(table[:, 4]),
+    )
+
+
+def seen_from(edges: EdgePixels, T_ref_cur: np.ndarray) -> EdgePixels:
+    """Carry edges over to the camera that looks from elsewhere."""
+    points = edges.points(CAMERA)
+    moved = (points - T_ref_cur[:3, 3]) @ T_ref_cur[:3, :3]
+    roll = math.atan2(T_ref_cur[1, 0], T_ref_cur[0, 0])
+    turn = np.array([[math.cos(roll), math.sin(roll)], [-math.sin(roll), math.cos(roll)]])
+    pixels = moved[:, :2] / moved[:, 2:] * (CAMERA.fx, CAMERA.fy) + (CAMERA.cx, CAMERA.cy)
+    keep = (pixels > 0).all(1) & (pixels[:, 0] < 319) & (pixels[:, 1] < 239)
+    return EdgePixels(
+        np.ascontiguousarray(pixels[keep], np.float32),
+        np.ascontiguousarray((edges.gradients @ turn.T)[keep], np.float32),
+        np.ascontiguousarray(moved[keep, 2], np.float32),
+    )
+
+
+def test_directions_go_round_once() -> None:
+    angles = np.radians(np.arange(0, 360, 45) + 10)
+    gradients = np.column_stack([np.cos(angles), np.sin(angles)]).astype(np.float32)
+    assert chamfer.direction_of(gradients).tolist() == list(range(8))
+
+
+def test_images_say_how_near_an_edge_of_like_direction_is(edges: EdgePixels) -> None:
+    images = chamfer.score_images(edges, CAMERA.width, CAMERA.height)
+    assert images.shape == (8, 60, 80)
+    cells = np.floor((edges.pixels + 0.5) / chamfer.CELL_PX)
+    directions = chamfer.direction_of(edges.gradients)
+    rng = np.random.default_rng(0)
+    for _ in range(300):
+        k, row, col = rng.integers(8), rng.integers(60), rng.integers(80)
+        alike = np.isin((directions - k) % 8, (0, 1, 7))
+        away = np.hypot(*(cells[alike] - (col, row)).T).min()
+        expected = 255 * max(1 - away / chamfer.REACH_CELLS, 0)
+        assert abs(images[k, row, col] - expected) <= 255 * 0.05  # that of OpenCV errs by 5 %
+
+
+def test_the_score_is_the_mean_of_the_cells(edges: EdgePixels) -> None:
+    look = ChamferMap(edges, CAMERA)
+    T = se3.exp(np.array([0.02, -0.05, 0.1, 0.02, 0.03, -0.04]))
+    samples = edges.every(3)
+    images = chamfer.score_images(edges, CAMERA.width, CAMERA.height)
+    few = samples.every(max(len(samples) // chamfer.TRIED_EDGES, 1))
+    warped = few.points(CAMERA) @ T[:3, :3].T + T[:3, 3]
+    u = np.floor((warped[:, 0] / warped[:, 2] * CAMERA.fx + CAMERA.cx + 0.5) / 4).astype(int)
+    v = np.floor((warped[:, 1] / warped[:, 2] * CAMERA.fy + CAMERA.cy + 0.5) / 4).astype(int)
+    inside = (u >= 0) & (u < 80) & (v >= 0) & (v < 60)
+    total = images[chamfer.direction_of(few.gradients)[inside], v[inside], u[inside]].sum()
+    expected = total / max(inside.sum(), 0.5 * len(few))
+    assert look.score(samples, T) == pytest.approx(expected, abs=1.5)  # float32 moves a few
+
+
+def test_at_home_all_edges_fall_on_edges(edges: EdgePixels) -> None:
+    assert ChamferMap(edges, CAMERA).score(edges, np.eye(4)) > 250
+
+
+@pytest.mark.parametrize("yaw", [-20.0, -7.0, 11.0, 19.0])
+def test_a_wide_turn_is_found(edges: EdgePixels, yaw: float) -> None:
+    T = se3.exp(np.array([0.03, 0.02, -0.05, math.radians(4.0), math.radians(yaw), 0.03]))
+    found = ChamferMap(edges, CAMERA).likely(seen_from(edges, T), np.eye(4), 24.0, 3)
+    assert [guess.score for guess in found] == sorted((g.score for g in found), reverse=True)
+    off = se3.inverse(T) @ found[0].T_ref_cur
+    assert math.degrees(se3.rotation_angle(off)) < 2.0
+    assert np.linalg.norm(off[:3, 3]) < 0.15
+
+
+def test_beside_a_pose_it_climbs(edges: EdgePixels) -> None:
+    look = ChamferMap(edges, CAMERA)
+    starts = np.array([se3.exp(np.array([s, 0.0, 0.0, 0.0, 0.0, 0.0])) for s in (0.08, -0.3, 0.5)])
+    found = look.beside(edges, starts)
+    assert len(found) == 3
+    assert found[0].score > look.score(edges, starts[0])
+    assert np.linalg.norm(found[0].T_ref_cur[:3, 3]) < 0.06
+    for guess in found:
+        assert guess.score == pytest.approx(look.score(edges, guess.T_ref_cur))
+
+
+def test_what_lies_behind_the_camera_is_not_in_view(edges: EdgePixels) -> None:
+    back = se3.exp(np.array([0.0, 0.0, 0.0, 0.0, math.pi, 0.0]))
+    assert ChamferMap(edges, CAMERA).score(edges, back) == 0.0
+
+
+def test_nothing_to_see_scores_nothing(edges: EdgePixels) -> None:
+    nothing = EdgePixels(*(np.empty((0, k), np.float32) for k in (2, 2)), np.empty(0, np.float32))
+    assert ChamferMap(edges, CAMERA).score(nothing, np.eye(4)) == 0.0
+    assert ChamferMap(nothing, CAMERA).score(edges, np.eye(4)) == 0.0
