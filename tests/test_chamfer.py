@@ -106,6 +106,16 @@ def test_a_wide_turn_is_found(edges: EdgePixels, yaw: float) -> None:
     assert np.linalg.norm(off[:3, 3]) < 0.15
 
 
+@pytest.mark.parametrize("carried", [True, False])
+def test_near_by_a_way_is_told_from_a_turn(edges: EdgePixels, carried: bool) -> None:
+    """By 0.2 m past what is half a metre away; turns alone end elsewhere."""
+    near = EdgePixels(edges.pixels, edges.gradients, edges.depths / 5)
+    T = se3.exp(np.array([0.2, -0.05, 0.0, 0.0, 0.0, 0.0]))
+    found = ChamferMap(near, CAMERA).likely(seen_from(near, T), np.eye(4), 24.0, 1, carried=carried)
+    off = np.linalg.norm((se3.inverse(T) @ found[0].T_ref_cur)[:3, 3])
+    assert off < 0.03 if carried else off > 0.05
+
+
 def test_beside_a_pose_it_climbs(edges: EdgePixels) -> None:
     look = ChamferMap(edges, CAMERA)
     starts = np.array([se3.exp(np.array([s, 0.0, 0.0, 0.0, 0.0, 0.0])) for s in (0.08, -0.3, 0.5)])

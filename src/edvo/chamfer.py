@@ -29,7 +29,8 @@ IN_VIEW = 0.5  # of them, of which those in view count at least
 CLIMBED = 8  # of the best turns
 APART_DEG = 3.0  # which are that far from each other
 CLIMB_M, CLIMB_DEG = 0.1, 1.5  # the first steps of a climb
-ANY_TRACE = 4.0  # of a rotation: none has a greater one than 3
+ANYWHERE = 1e3  # m
+LONGEST_M = 0.4  # of the ways that are tried
 HALVINGS, ROUNDS = 3, 2  # of the steps; with so many of each length at most
 
 
@@ -71,6 +72,8 @@ class ChamferMap:
         T_ref_start: NDArray[np.float64],
         reach_deg: float,
         count: int,
+        *,
+        carried: bool = True,
     ) -> list[Guess]:
         """Find poses whose edges fall near edges of like direction.
 
@@ -84,6 +87,8 @@ class ChamferMap:
             How far it may have turned by yaw, and half as far by pitch.
         count : int
             How many poses at most.
+        carried : bool
+            Whether ways that move the image as far are tried, too.
 
         Returns
         -------
@@ -91,10 +96,19 @@ class ChamferMap:
             The likeliest first.
         """
         starts = T_ref_start @ _turns(reach_deg)
-        return self._climb(samples, starts, CLIMBED, APART_DEG)[:count]
+        middle = 0.0
+        if carried and len(samples):
+            middle = float(np.median(samples.depths))
+            ways = middle * _shifts(reach_deg)
+            ways = ways[np.hypot(*ways[:, :2].T) <= LONGEST_M]
+            shifted = np.tile(T_ref_start, (len(ways), 1, 1))
+            shifted[:, :3, 3] += ways @ T_ref_start[:3, :3].T
+            starts = np.concatenate([starts, shifted])
+        apart = math.radians(APART_DEG)
+        return self._climb(samples, starts, CLIMBED, apart, apart * middle or ANYWHERE)[:count]
 
     def beside(self, samples: EdgePixels, T_ref_starts: NDArray[np.float64]) -> list[Guess]:
-        """Find where edges fall best, beside each of some poses.
+        """Find where edges fall best, beside the best of some poses.
 
         Parameters
         ----------
@@ -105,9 +119,9 @@ class ChamferMap:
         Returns
         -------
         list of Guess
-            K of them, the likeliest first.
+            The likeliest first.
         """
-        return self._climb(samples, T_ref_starts, len(T_ref_starts), 0.0)
+        return self._climb(samples, T_ref_starts, min(CLIMBED, len(T_ref_starts)), 0.0, 0.0)
 
     def score(self, samples: EdgePixels, T_ref_cur: NDArray[np.float64]) -> float:
         """Say how near edges fall to edges of like direction.
@@ -128,14 +142,20 @@ class ChamferMap:
         return kernels.chamfer_score(problem, T_ref_cur, *room)
 
     def _climb(
-        self, samples: EdgePixels, starts: NDArray[np.float64], count: int, apart_deg: float
+        self,
+        samples: EdgePixels,
+        starts: NDArray[np.float64],
+        count: int,
+        apart_rad: float,
+        apart_m: float,
     ) -> list[Guess]:
-        """Climb from the best starts whose rotations are so far apart."""
+        """Climb from the best starts that are so far apart, by turn or way."""
         found, scores = np.empty((count, 4, 4)), np.empty(count)
         n = kernels.chamfer_search(
             self._problem(samples),
             starts,
-            1 + 2 * math.cos(math.radians(apart_deg)) if apart_deg else ANY_TRACE,
+            1 + 2 * math.cos(apart_rad),
+            apart_m,
             CLIMB_M,
             math.radians(CLIMB_DEG),
             HALVINGS,
@@ -218,3 +238,18 @@ def _turns(reach_deg: float) -> NDArray[np.float64]:
     )
     turns.setflags(write=False)
     return turns
+
+
+@functools.cache
+def _shifts(reach_deg: float) -> NDArray[np.float64]:
+    """Ways of a camera that move the image as turns do, for each metre that it is away."""
+    yaws, pitches = int(reach_deg / STEP_DEG), int(reach_deg / 2 / STEP_DEG)
+    shifts = np.array(
+        [
+            [math.tan(math.radians(STEP_DEG * yaw)), -math.tan(math.radians(STEP_DEG * pitch)), 0.0]
+            for yaw in range(-yaws, yaws + 1)
+            for pitch in range(-pitches, pitches + 1)
+        ]
+    )
+    shifts.setflags(write=False)
+    return shifts

@@ -279,7 +279,7 @@ class MotionConfig(Section):
         "still and the better of the two taken",
     )
     prior_stride: Annotated[int, Field(ge=1)] = Field(
-        default=4, description="the check looks at one sample in so many"
+        default=8, description="the check looks at one sample in so many"
     )
     search_deg: Annotated[float, Field(ge=0, le=45)] = Field(
         default=24.0,
@@ -511,7 +511,7 @@ PRESETS: dict[str, dict[str, Any]] = {
     "paper": {
         "edges": {"strong_share": 0.0, "position": "pixel"},
         "planes": {"weight": 0.0, "alone_share": 0.0},
-        "motion": {"search_deg": 0.0},
+        "motion": {"search_deg": 0.0, "prior_stride": 4},
         "keyframes": {"stored": 0},
         "sampling": {"count": 450},
         "registration": {"weight": "t", "first_sigma_px": 0.0, "first_samples": 0},

@@ -1525,6 +1525,7 @@ def chamfer_search(
     chamfer: Chamfer,
     starts: F64,
     most_trace: float,
+    apart_m: float,
     step_m: float,
     step_rad: float,
     halvings: int,
@@ -1532,7 +1533,7 @@ def chamfer_search(
     found: F64,
     scores: F64,
 ) -> int:
-    """Climb from the best starts whose rotations are apart: no trace above ``most_trace``.
+    """Climb from the best starts that are apart: by a trace below ``most_trace``, or ``apart_m``.
 
     A climb tries a step to either side along each axis of the camera and about it, takes the
     best, at most ``rounds`` times, and goes on with steps half as long. Writes as many poses as
@@ -1552,7 +1553,10 @@ def chamfer_search(
             for i in range(3):
                 for j in range(3):
                     trace += starts[s, i, j] * found[k, i, j]
-            near = near or trace > most_trace
+            away = 0.0
+            for i in range(3):
+                away += (starts[s, i, 3] - found[k, i, 3]) ** 2
+            near = near or (trace > most_trace and away < apart_m * apart_m)
         if not near:
             found[count] = starts[s]
             scores[count] = values[s]

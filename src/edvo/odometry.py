@@ -270,13 +270,14 @@ class Odometry:
         config = self.config
         with self._clock("edges"):
             edges = extract_edges(frame.grey, config.edges, self._buffers)
+        with self._clock("planes"):
+            points = self._fitter.points(frame.depth)
         with self._clock("sampling"):
             seed = config.seed * SEED_STRIDE + self._count
             samples = sample_edges(
                 edges, frame.depth, self.camera, config.sampling, config.edges, seed
             )
-        with self._clock("planes"):
-            return Seen(frame, edges, samples, self._fitter.points(frame.depth))
+        return Seen(frame, edges, samples, points)
 
     def _locate(self, seen: Seen) -> tuple[Alignment, Status, str]:
         """Register a frame with the keyframe, and look farther afield where that is in doubt."""

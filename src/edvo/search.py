@@ -144,7 +144,7 @@ class Search:
         list of ndarray of float64, shape (4, 4)
             ``T_key_cur``, the likeliest first.
         """
-        guesses = key.chamfer.likely(seen.samples, T_key_start, self._reach, LIKELY)
+        guesses = key.chamfer.likely(seen.samples, T_key_start, self._reach, LIKELY, carried=False)
         return [guess.T_ref_cur for guess in guesses]
 
     def is_alone(self, key: Keyframe, T_key_cur: NDArray[np.float64], seen: Seen) -> bool:
