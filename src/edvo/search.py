@@ -26,7 +26,7 @@ LIKELY = 3  # places that a glance tells are looked at, from each start
 MORE = 6  # of a far step
 GLANCES = 12  # and of a lost camera, in all
 ELSE_M, ELSE_RAD = 0.05, math.radians(1.5)  # nearer to what was found a guess is no other place
-LESS_DOUBT = 0.1  # times that of depth, where it may be out of step
+DOUBTS = (1.0, 0.3, 0.1)  # times that of depth, where it may be out of step
 LEAST_FIT, FAR_FIT = 0.6, 0.3  # of the edges in view, both ways: less is no place at all
 SHARPNESS = 8  # a few more edges explained outweigh much of a way
 RIVAL = 0.6  # of the best fit: a place that fits so well cannot be told from it
@@ -246,7 +246,7 @@ class Search:
         places: list[_Place] = []
         hunt = self._hunt(seen, [T_world_start], gap_s)
         hunt = replace(hunt, must_be_sure=False, least_fit=FAR_FIT, apart=(ELSE_M, ELSE_RAD))
-        for doubt in (1.0, LESS_DOUBT):
+        for doubt in DOUBTS:
             term = self._fitter.term._replace(doubt=self._fitter.term.doubt * doubt)
             hunt = replace(hunt, term=term)
             places += self._look_closely(hunt, self._promising(hunt, starts))
