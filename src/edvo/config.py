@@ -258,10 +258,10 @@ class KeyframesConfig(Section):
     )
     max_rotation_deg: Positive = Field(default=15.0, description="rule motion: from the keyframe")
     early_share: Fraction = Field(
-        default=0.67,
+        default=1.0,
         description="rule motion: past this share of the two bounds a frame is taken already if "
         "its covariance is smaller than the mean of the last half second; 1: not before the "
-        "bounds. Not in the paper",
+        "bounds",
     )
     stored: Annotated[int, Field(ge=0)] = Field(
         default=30,
@@ -517,7 +517,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "edges": {"strong_share": 0.0, "position": "pixel"},
         "planes": {"weight": 0.0, "alone_share": 0.0},
         "motion": {"search_deg": 0.0},
-        "keyframes": {"stored": 0, "early_share": 1.0},
+        "keyframes": {"stored": 0},
         "sampling": {"count": 450},
         "registration": {"weight": "t", "first_sigma_px": 0.0, "first_samples": 0},
         "status": {
