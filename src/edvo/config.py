@@ -261,7 +261,7 @@ class KeyframesConfig(Section):
         default=1.0,
         description="rule motion: past this share of the two bounds a frame is taken already if "
         "its covariance is smaller than the mean of the last half second; 1: not before the "
-        "bounds",
+        "bounds. Not in the paper",
     )
     stored: Annotated[int, Field(ge=0)] = Field(
         default=30,

@@ -501,10 +501,10 @@ class Odometry:
                 status, reason = Status.DEGRADED, self._doubt
         share = alignment.inliers / len(seen.samples)
         age = self._count - keyframe.index
-        better = covariance is not None and self._information.is_better(covariance, period)
-        due = self._anchor is None and is_due(
-            self.config.keyframes, T_key_cur, share, age, well_placed=better
-        )
+        rule, better = self.config.keyframes, False
+        if rule.early_share < 1 and covariance is not None:
+            better = self._information.is_better(covariance, period)
+        due = self._anchor is None and is_due(rule, T_key_cur, share, age, well_placed=better)
         if due:
             self._set_keyframe(seen)
         return self._keep(
