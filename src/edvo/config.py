@@ -257,6 +257,12 @@ class KeyframesConfig(Section):
         "views differ too much",
     )
     max_rotation_deg: Positive = Field(default=15.0, description="rule motion: from the keyframe")
+    early_share: Fraction = Field(
+        default=1.0,
+        description="rule motion: past this share of the two bounds a frame is taken already if "
+        "its covariance is smaller than the mean of the last half second; 1: not before the "
+        "bounds. Not in the paper",
+    )
     stored: Annotated[int, Field(ge=0)] = Field(
         default=30,
         description="keyframes kept to find back to after a loss, the present one included; about "

@@ -97,7 +97,12 @@ class KeyframeStore:
 
 
 def is_due(
-    config: KeyframesConfig, T_key_cur: NDArray[np.float64], overlap: float, age: int
+    config: KeyframesConfig,
+    T_key_cur: NDArray[np.float64],
+    overlap: float,
+    age: int,
+    *,
+    well_placed: bool = False,
 ) -> bool:
     """Whether the frame just tracked should become the next keyframe.
 
@@ -110,6 +115,9 @@ def is_due(
         Share of the frame's samples that fit the keyframe.
     age : int
         Frames since the keyframe.
+    well_placed : bool
+        Whether it is better constrained than the frames of late, which lowers the bounds on
+        motion. That on overlap stays: where light changes, it falls without any motion.
 
     Returns
     -------
@@ -118,8 +126,9 @@ def is_due(
     if config.rule == "gap":
         return age >= config.gap_frames
     x, y, z = T_key_cur[:3, 3].tolist()
+    reach = config.early_share if well_placed else 1.0
     return (
-        math.hypot(x, y, z) > config.max_translation_m
-        or se3.rotation_angle(T_key_cur) > math.radians(config.max_rotation_deg)
+        math.hypot(x, y, z) > reach * config.max_translation_m
+        or se3.rotation_angle(T_key_cur) > reach * math.radians(config.max_rotation_deg)
         or overlap < config.min_overlap
     )

@@ -16,6 +16,7 @@ from edvo.depth_alone import DepthAlone
 from edvo.edges import EdgeBuffers, extract_edges
 from edvo.errors import FrameError, TrajectoryError
 from edvo.frame import Frame
+from edvo.information import Information
 from edvo.keyframes import Keyframe, KeyframeStore, is_due
 from edvo.planes import PlaneFitter
 from edvo.registration import Alignment, Registration
@@ -184,6 +185,7 @@ class Odometry:
         self._repeated = 0
         self._sight_found = False  # whether that image has got a pose
         self._judge = Judge(self.config)
+        self._information = Information()
         self._search = Search(
             self.camera, self.config, self._registration, self._fitter, self._judge
         )
@@ -508,7 +510,10 @@ class Odometry:
                 status, reason = Status.DEGRADED, self._doubt
         share = alignment.inliers / len(seen.samples)
         age = self._count - keyframe.index
-        due = self._anchor is None and is_due(self.config.keyframes, T_key_cur, share, age)
+        rule, better = self.config.keyframes, False
+        if rule.early_share < 1 and covariance is not None:
+            better = self._information.is_better(covariance, period)
+        due = self._anchor is None and is_due(rule, T_key_cur, share, age, well_placed=better)
         if due:
             self._set_keyframe(seen)
         return self._keep(

@@ -73,6 +73,7 @@ VARIANTS = (
         "keyframe: after 0.1 m or 8 degrees",
         ("keyframes.max_translation_m=0.1", "keyframes.max_rotation_deg=8"),
     ),
+    Variant("keyframe: earlier where well constrained", ("keyframes.early_share=0.67",)),
     Variant("search: none where in doubt", ("motion.search_deg=0",)),
     Variant("recovery: none", ("keyframes.stored=0",)),
     Variant("without edges: lost", ("planes.alone_share=0",)),
