@@ -243,15 +243,16 @@ class Search:
         T_world_start = key.T_world_key @ T_key_start
         guesses = key.chamfer.likely(seen.samples, T_key_start, self._reach, MORE)
         starts = [(key, T_key_start)] + [(key, guess.T_ref_cur) for guess in guesses]
-        places: list[_Place] = []
         hunt = self._hunt(seen, [T_world_start], gap_s)
         hunt = replace(hunt, must_be_sure=False, least_fit=FAR_FIT, apart=(ELSE_M, ELSE_RAD))
         for doubt in DOUBTS:
             term = self._fitter.term._replace(doubt=self._fitter.term.doubt * doubt)
             hunt = replace(hunt, term=term)
-            places += self._look_closely(hunt, self._promising(hunt, starts))
-        rivals = self._with_rivals(hunt, _distinct(places))
-        return rivals[0].found if len(rivals) == 1 and rivals[0].both_ways else None
+            places = self._look_closely(hunt, self._promising(hunt, starts))
+            rivals = self._with_rivals(hunt, places)
+            if len(rivals) == 1 and rivals[0].both_ways:
+                return rivals[0].found
+        return None
 
     def _glance(
         self, starts: Sequence[tuple[Keyframe, NDArray[np.float64]]], seen: Seen
