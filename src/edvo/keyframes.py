@@ -32,6 +32,8 @@ class Keyframe:
         points on its planes, to register it with a frame the other way round.
     view : ndarray of float64, shape (96,)
         What it looks like; see ``EdgeImage.view``.
+    timestamp : float
+        Seconds.
     """
 
     index: int
@@ -41,6 +43,7 @@ class Keyframe:
     samples: EdgePixels
     points: PlanePoints
     view: NDArray[np.float64]
+    timestamp: float = 0.0
 
 
 class KeyframeStore:

@@ -1,0 +1,271 @@
+"""The background: what stands still, where much of the view moves by itself.
+
+Not in the paper. Where people fill the view, edges and depth fit *them*, and the pose goes along.
+Which surfaces stand still is told by what was seen before: they lie where the keyframe, and images
+of the last second, saw a surface. What moves by a few centimetres leaves the planes that it was
+on, whatever the pose says. Far walls have no depth, but edges: under the true motion these fit at
+some depth beyond the reach of the sensor, under another's they do not.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edvo import kernels, se3
+from edvo.camera import Camera
+from edvo.edges import EdgePixels
+from edvo.keyframes import Keyframe
+from edvo.matching import Criterion
+from edvo.planes import PlaneFitter, PlaneMap, PlanePoints, camera_of
+from edvo.registration import Alignment, Registration
+from edvo.search import Seen
+
+YOUNG_S = 0.09  # in less hardly anything has moved by more than its noise
+APART_S, AGES_S = 0.1, (0.3, 0.6, 1.0)  # of the images that are kept, and that are asked
+FITS, BEHIND_M = 2.5, 0.25  # times the noise; and where it may just have been hidden
+REACH, SLACK_M, SLACK_SIGMA = 2, 0.01, 2.0  # of the neighbours that speak for a place, in cells
+ROUNDS = 3  # of telling what stands still, and registering it
+MIN_SAMPLES = 60  # that stand still
+FAR_EDGES, MIN_FAR = 400, 100  # taken, and of so many the share that fits is one
+FAR_POOL, BARE_PX, BARE_STEP = 4000, 8, 4  # edges looked at; pixels around without depth
+BLOCKS = 4  # to the width of the image, each at a depth of its own
+NEARNESS = np.array([0.0, 0.25, 0.5, 0.7, 0.85, 1.0])  # inverse depths, of that of the reach
+FAR_FITS_PX, FAR_NEAR_PX, FAR_ANGLE_DEG = 0.7, 4.0, 45.0
+FAR_POWER = 6  # far edges are background for sure
+POINT_WORTH = 3  # samples; a point stands for more of the view
+
+
+@dataclass(frozen=True, slots=True)
+class Still:
+    """What was found to stand still, registered.
+
+    Attributes
+    ----------
+    seen : Seen
+        The frame, with the samples and points that stand still alone.
+    alignment : Alignment
+    worth : float
+        To compare with what other starts lead to.
+    """
+
+    seen: Seen
+    alignment: Alignment
+    worth: float
+
+
+@dataclass(slots=True)
+class _Past:
+    """A depth image of the last second, and its planes once they are asked for."""
+
+    timestamp: float
+    T_world_cam: NDArray[np.float64]
+    depth: NDArray[np.float32]
+    planes: PlaneMap | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Far:
+    """Edges of unknown depth."""
+
+    edges: EdgePixels
+    rays: NDArray[np.float64]
+    block: NDArray[np.intp]
+    inverse_depths: NDArray[np.float64]
+
+
+class Background:
+    """Registers with a keyframe what stands still of a frame.
+
+    Parameters
+    ----------
+    camera : Camera
+    registration : Registration
+    fitter : PlaneFitter
+    """
+
+    def __init__(self, camera: Camera, registration: Registration, fitter: PlaneFitter) -> None:
+        self._camera, self._registration, self._fitter = camera, registration, fitter
+        self._pinhole = camera_of(camera)
+        self._criterion = Criterion(0.0, camera.width, FAR_NEAR_PX, FAR_ANGLE_DEG).compile()
+        self._past: deque[_Past] = deque()
+
+    def forget(self, since: float = -np.inf) -> None:
+        """Forget what was seen since then: its poses are not to be trusted."""
+        while self._past and self._past[-1].timestamp >= since:
+            self._past.pop()
+
+    def remember(
+        self, timestamp: float, T_world_cam: NDArray[np.float64], depth: NDArray[np.float32]
+    ) -> None:
+        """Take a depth image to hold later ones against; not all of them are kept."""
+        if self._past and not 0 <= timestamp - self._past[-1].timestamp:
+            self._past.clear()
+        if not self._past or timestamp - self._past[-1].timestamp >= APART_S:
+            self._past.append(_Past(timestamp, T_world_cam, depth.copy()))
+        while timestamp - self._past[0].timestamp > AGES_S[-1] + 2 * APART_S:
+            self._past.popleft()
+
+    def last_pose(self) -> NDArray[np.float64] | None:
+        """Pose of the last image kept, T_world_cam."""
+        return self._past[-1].T_world_cam if self._past else None
+
+    def register(
+        self, key: Keyframe, seen: Seen, starts: Sequence[NDArray[np.float64]]
+    ) -> Still | None:
+        """Register what stands still of a frame.
+
+        Parameters
+        ----------
+        key : Keyframe
+        seen : Seen
+        starts : sequence of ndarray of float64, shape (4, 4)
+            Guesses of T_key_cur; what each leads to is compared.
+
+        Returns
+        -------
+        Still or None
+            None where hardly anything stands still.
+        """
+        asked = self._asked(key, seen.frame.timestamp)
+        far = self._far(seen)
+        found = [self._from(key, seen, asked, far, start) for start in starts]
+        return max((one for one in found if one), key=lambda one: one.worth, default=None)
+
+    def _from(
+        self,
+        key: Keyframe,
+        seen: Seen,
+        asked: Sequence[tuple[NDArray[np.float64], PlaneMap]],
+        far: _Far | None,
+        T_key_cur: NDArray[np.float64],
+    ) -> Still | None:
+        """Take turns: tell what stands still at a pose, and register it."""
+        term, alignment, kept = self._fitter.term, None, seen
+        for turn in range(ROUNDS):
+            kept = self._standing(seen, asked, key.T_world_key @ T_key_cur)
+            samples = kept.samples
+            if far and turn < ROUNDS - 1:
+                samples = _joined(samples, self._placed(key, far, T_key_cur)[0])
+            if len(samples) < MIN_SAMPLES:
+                return None
+            alignment = self._registration.align(
+                key.edges, samples, T_key_cur[None], key.planes, kept.points, term
+            )
+            T_key_cur = alignment.T_ref_cur
+        assert alignment is not None
+        share = self._placed(key, far, T_key_cur)[1] if far else 1.0
+        worth = share**FAR_POWER * (alignment.agreeing + POINT_WORTH * alignment.plane_points)
+        return Still(kept, alignment, worth)
+
+    def _asked(self, key: Keyframe, timestamp: float) -> list[tuple[NDArray[np.float64], PlaneMap]]:
+        """Images to be held against: the keyframe and some of the last second; poses, planes."""
+        chosen: list[_Past] = []
+        for age in AGES_S:
+            old = [past for past in self._past if timestamp - past.timestamp >= age - APART_S / 2]
+            if old and all(old[-1] is not past for past in chosen):
+                chosen.append(old[-1])
+        asked = []
+        if timestamp - key.timestamp >= YOUNG_S:
+            asked.append((key.T_world_key, key.planes))
+        for past in chosen:
+            if past.planes is None:
+                past.planes = self._fitter.planes(past.depth)
+            asked.append((past.T_world_cam, past.planes))
+        return asked
+
+    def _standing(
+        self,
+        seen: Seen,
+        asked: Sequence[tuple[NDArray[np.float64], PlaneMap]],
+        T_world_cam: NDArray[np.float64],
+    ) -> Seen:
+        """Leave of a frame what stands still, if it was taken from there."""
+        points, samples, term = seen.points, seen.samples, self._fitter.term
+        held, broken = np.zeros((2, len(points.sigma)), np.int32)
+        for T_world_then, planes in asked:
+            T = se3.inverse(T_world_then) @ T_world_cam
+            kernels.weigh_points(
+                points, planes, self._pinhole, T, FITS, term.min_dot, BEHIND_M, held, broken
+            )
+        still = []
+        for X in (points.X, samples.points(self._camera)):
+            still.append(np.empty(len(X), np.bool_))
+            kernels.ask_neighbours(
+                points,
+                held,
+                broken,
+                self._pinhole,
+                float(self._fitter.point_step_px),
+                REACH,
+                SLACK_M,
+                SLACK_SIGMA,
+                X,
+                still[-1],
+            )
+        good = np.flatnonzero(still[0] & (held > 0) & (held >= broken))
+        which = np.flatnonzero(still[1])
+        return replace(
+            seen,
+            samples=EdgePixels(
+                samples.pixels[which], samples.gradients[which], samples.depths[which]
+            ),
+            points=PlanePoints(points.X[good], points.normals[good], points.sigma[good]),
+        )
+
+    def _far(self, seen: Seen) -> _Far | None:
+        """Choose edges with no depth around."""
+        edges, depth, camera = seen.edges, seen.frame.depth, self._camera
+        stride = max(len(edges) // FAR_POOL, 1)
+        which = np.empty(len(edges) // stride + 1, np.int32)
+        count = kernels.edges_without_depth(
+            edges.index, depth, stride, BARE_PX, BARE_STEP, which
+        )
+        if count < MIN_FAR:
+            return None
+        which = which[:count]
+        if count > FAR_EDGES:
+            which = which[np.linspace(0, count - 1, FAR_EDGES).astype(np.intp)]
+        far = edges.describe(camera, which)
+        rays = replace(far, depths=np.ones(len(far), np.float32)).points(camera)
+        side = camera.width / BLOCKS
+        column = np.clip(far.pixels[:, 0] // side, 0, BLOCKS - 1).astype(np.intp)
+        row = np.clip(far.pixels[:, 1] // side, 0, None).astype(np.intp)
+        reach = max(float(depth[::BARE_STEP, ::BARE_STEP].max()), 1.0)
+        return _Far(far, rays, row * BLOCKS + column, NEARNESS / reach)
+
+    def _placed(
+        self, key: Keyframe, far: _Far, T_key_cur: NDArray[np.float64]
+    ) -> tuple[EdgePixels, float]:
+        """Put far edges, block by block, where most of them fit; and the share that does."""
+        fits = np.empty((len(far.inverse_depths), len(far.edges)), np.bool_)
+        kernels.fit_rays(
+            key.edges.grid,
+            far.rays,
+            far.edges.gradients,
+            self._pinhole,
+            T_key_cur,
+            self._criterion,
+            far.inverse_depths,
+            FAR_FITS_PX,
+            fits,
+        )
+        blocks = int(far.block.max()) + 1
+        count = np.array([np.bincount(far.block, weights=fit, minlength=blocks) for fit in fits])
+        most = count.max(axis=0)
+        weight = np.maximum(count - 0.9 * most, 0)  # of those that fit about as well
+        weight += 1e-9
+        nearness = (weight * far.inverse_depths[:, None]).sum(axis=0) / weight.sum(axis=0)
+        depths = 1 / np.maximum(nearness, 1e-3)
+        placed = replace(far.edges, depths=depths[far.block].astype(np.float32))
+        return placed, float(most.sum()) / len(far.edges)
+
+
+def _joined(a: EdgePixels, b: EdgePixels) -> EdgePixels:
+    return EdgePixels(
+        np.concatenate([a.pixels, b.pixels]),
+        np.concatenate([a.gradients, b.gradients]),
+        np.concatenate([a.depths, b.depths]),
+    )
