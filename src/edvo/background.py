@@ -24,7 +24,7 @@ from edvo.registration import Alignment, Registration
 from edvo.search import Seen
 
 YOUNG_S = 0.09  # in less hardly anything has moved by more than its noise
-APART_S, AGES_S = 0.1, (0.3, 0.6, 1.0)  # of the images that are kept, and that are asked
+APART_S, AGES_S = 0.1, (0.15, 0.3, 0.6, 1.0)  # of the images that are kept, and that are asked
 FITS, BEHIND_M = 2.5, 0.25  # times the noise; and where it may just have been hidden
 REACH, SLACK_M, SLACK_SIGMA = 2, 0.01, 2.0  # of the neighbours that speak for a place, in cells
 ROUNDS = 3  # of telling what stands still, and registering it
@@ -33,9 +33,10 @@ FAR_EDGES, MIN_FAR = 400, 100  # taken, and of so many the share that fits is on
 FAR_POOL, BARE_PX, BARE_STEP = 4000, 8, 4  # edges looked at; pixels around without depth
 BLOCKS = 4  # to the width of the image, each at a depth of its own
 NEARNESS = np.array([0.0, 0.25, 0.5, 0.7, 0.85, 1.0])  # inverse depths, of that of the reach
-FAR_FITS_PX, FAR_NEAR_PX, FAR_ANGLE_DEG = 0.7, 4.0, 45.0
-FAR_POWER = 6  # far edges are background for sure
-POINT_WORTH = 3  # samples; a point stands for more of the view
+FAR_FITS_PX, FAR_NEAR_PX, FAR_ANGLE_DEG = 1.0, 4.0, 45.0
+FAR_LOSS = 0.9
+MIN_BARE = 0.25  # of the view without depth: less may be dark hair
+FAR_POWER = 3  # far edges are background for sure
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +75,7 @@ class _Far:
     rays: NDArray[np.float64]
     block: NDArray[np.intp]
     inverse_depths: NDArray[np.float64]
+    bare: float  # share of the view
 
 
 class Background:
@@ -147,17 +149,31 @@ class Background:
         for turn in range(ROUNDS):
             kept = self._standing(seen, asked, key.T_world_key @ T_key_cur)
             samples = kept.samples
-            if far and turn < ROUNDS - 1:
-                samples = _joined(samples, self._placed(key, far, T_key_cur)[0])
+            if far:
+                placed = self._placed(key, far, T_key_cur)[0]
+                samples = placed if turn == 0 else _joined(samples, placed)
             if len(samples) < MIN_SAMPLES:
                 return None
             alignment = self._registration.align(
                 key.edges, samples, T_key_cur[None], key.planes, kept.points, term
             )
-            T_key_cur = alignment.T_ref_cur
+            T_key_cur, kept = alignment.T_ref_cur, replace(kept, samples=samples)
         assert alignment is not None
-        share = self._placed(key, far, T_key_cur)[1] if far else 1.0
-        worth = share**FAR_POWER * (alignment.agreeing + POINT_WORTH * alignment.plane_points)
+        share = 1.0
+        if far:
+            share = self._placed(key, far, T_key_cur)[1]
+            near = self._standing(seen, asked, key.T_world_key @ T_key_cur)
+            if len(near.samples) >= MIN_SAMPLES:
+                again = self._registration.align(
+                    key.edges, near.samples, T_key_cur[None], key.planes, near.points, term
+                )
+                share_near = self._placed(key, far, again.T_ref_cur)[1]
+                if share_near > FAR_LOSS * share:
+                    kept, alignment, share = near, again, share_near
+        bare = far.bare if far else 0.0
+        lying = alignment.plane_points / max(len(seen.points.sigma), 1)
+        fitting = alignment.agreeing / len(kept.samples)
+        worth = bare * share**FAR_POWER + (1 - bare) * lying * fitting
         return Still(kept, alignment, worth)
 
     def _asked(self, key: Keyframe, timestamp: float) -> list[tuple[NDArray[np.float64], PlaneMap]]:
@@ -167,6 +183,8 @@ class Background:
             old = [past for past in self._past if timestamp - past.timestamp >= age - APART_S / 2]
             if old and all(old[-1] is not past for past in chosen):
                 chosen.append(old[-1])
+        if len(chosen) > 2:
+            del chosen[0]  # the longer ago, the more has moved
         asked = []
         if timestamp - key.timestamp >= YOUNG_S:
             asked.append((key.T_world_key, key.planes))
@@ -218,6 +236,10 @@ class Background:
     def _far(self, seen: Seen) -> _Far | None:
         """Choose edges with no depth around."""
         edges, depth, camera = seen.edges, seen.frame.depth, self._camera
+        coarse = np.ascontiguousarray(depth[::BARE_STEP, ::BARE_STEP])
+        bare = 1 - np.count_nonzero(coarse) / coarse.size
+        if bare < MIN_BARE:
+            return None
         stride = max(len(edges) // FAR_POOL, 1)
         which = np.empty(len(edges) // stride + 1, np.int32)
         count = kernels.edges_without_depth(
@@ -233,14 +255,14 @@ class Background:
         side = camera.width / BLOCKS
         column = np.clip(far.pixels[:, 0] // side, 0, BLOCKS - 1).astype(np.intp)
         row = np.clip(far.pixels[:, 1] // side, 0, None).astype(np.intp)
-        reach = max(float(depth[::BARE_STEP, ::BARE_STEP].max()), 1.0)
-        return _Far(far, rays, row * BLOCKS + column, NEARNESS / reach)
+        reach = max(float(coarse.max()), 1.0)
+        return _Far(far, rays, row * BLOCKS + column, NEARNESS / reach, bare)
 
     def _placed(
         self, key: Keyframe, far: _Far, T_key_cur: NDArray[np.float64]
     ) -> tuple[EdgePixels, float]:
         """Put far edges, block by block, where most of them fit; and the share that does."""
-        fits = np.empty((len(far.inverse_depths), len(far.edges)), np.bool_)
+        fits = np.empty((len(far.inverse_depths), len(far.edges)))
         kernels.fit_rays(
             key.edges.grid,
             far.rays,

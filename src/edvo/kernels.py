@@ -2007,11 +2007,12 @@ def fit_rays(
     criterion: Criterion,
     inverse_depths: F64,
     fits_px: float,
-    fits: NDArray[np.bool_],
+    fits: F64,
 ) -> None:
-    """Say of edges of unknown depth at which of several inverse depths they fit the reference.
+    """Say of edges of unknown depth how well they fit the reference at several inverse depths.
 
-    ``criterion`` says how near an edge has to be, and how it may be turned.
+    From 1 down to 0 at ``fits_px``, by the square; ``criterion`` says how near an edge has to be,
+    and how it may be turned. A row of ``fits`` for each inverse depth.
     """
     for k in range(inverse_depths.size):
         t = inverse_depths[k]
@@ -2020,7 +2021,7 @@ def fit_rays(
             px = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3] * t
             py = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3] * t
             pz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3] * t
-            fits[k, i] = False
+            fits[k, i] = 0.0
             if pz < MIN_DEPTH:
                 continue
             u, v = camera.fx * px / pz + camera.cx, camera.fy * py / pz + camera.cy
@@ -2031,4 +2032,4 @@ def fit_rays(
             if m >= 0:
                 r = (u - grid.points[m, 0]) * grid.points[m, 2]
                 r += (v - grid.points[m, 1]) * grid.points[m, 3]
-                fits[k, i] = abs(r) < fits_px
+                fits[k, i] = max(1.0 - (r / fits_px) ** 2, 0.0)
