@@ -7,6 +7,7 @@ on, whatever the pose says. Far walls have no depth, but edges: under the true m
 some depth beyond the reach of the sensor, under another's they do not.
 """
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -36,7 +37,9 @@ NEARNESS = np.array([0.0, 0.25, 0.5, 0.7, 0.85, 1.0])  # inverse depths, of that
 FAR_FITS_PX, FAR_NEAR_PX, FAR_ANGLE_DEG = 1.0, 4.0, 45.0
 FAR_LOSS = 0.9
 MIN_BARE = 0.25  # of the view without depth: less may be dark hair
-FAR_POWER = 3  # far edges are background for sure
+RHO_SPREAD = 1
+FAR_POWER = 3
+DRIFT_M, DRIFT_M_S, PRIOR_S = 0.05, 0.5, 0.3  # far edges are background for sure
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +118,11 @@ class Background:
         return self._past[-1].T_world_cam if self._past else None
 
     def register(
-        self, key: Keyframe, seen: Seen, starts: Sequence[NDArray[np.float64]]
+        self,
+        key: Keyframe,
+        seen: Seen,
+        starts: Sequence[NDArray[np.float64]],
+        velocity: NDArray[np.float64],
     ) -> Still | None:
         """Register what stands still of a frame.
 
@@ -125,6 +132,8 @@ class Background:
         seen : Seen
         starts : sequence of ndarray of float64, shape (4, 4)
             Guesses of T_key_cur; what each leads to is compared.
+        velocity : ndarray of float64, shape (6,)
+            That the camera may be expected to keep, in its own frame, 1/s.
 
         Returns
         -------
@@ -133,8 +142,28 @@ class Background:
         """
         asked = self._asked(key, seen.frame.timestamp)
         far = self._far(seen)
-        found = [self._from(key, seen, asked, far, start) for start in starts]
-        return max((one for one in found if one), key=lambda one: one.worth, default=None)
+        expected, reach = self._expected(key, seen.frame.timestamp, velocity)
+        found = []
+        for start in starts:
+            one = self._from(key, seen, asked, far, start)
+            if one is not None:
+                T_world_cam = key.T_world_key @ one.alignment.T_ref_cur
+                away = np.linalg.norm(T_world_cam[:3, 3] - expected[:3, 3]) / reach
+                found.append(replace(one, worth=one.worth * math.exp(-(away**2) / 2)))
+        return max(found, key=lambda one: one.worth, default=None)
+
+    def _expected(
+        self, key: Keyframe, timestamp: float, velocity: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], float]:
+        """Where the camera may be expected, T_world_cam, and to how many metres."""
+        old = [past for past in self._past if timestamp - past.timestamp >= PRIOR_S]
+        time, T_world_then = key.timestamp, key.T_world_key
+        if old:
+            time, T_world_then = old[-1].timestamp, old[-1].T_world_cam
+        elif self._past and self._past[0].timestamp > time:
+            time, T_world_then = self._past[0].timestamp, self._past[0].T_world_cam
+        age = timestamp - time
+        return T_world_then @ se3.exp(velocity * age), DRIFT_M + DRIFT_M_S * age
 
     def _from(
         self,
@@ -276,6 +305,9 @@ class Background:
         )
         blocks = int(far.block.max()) + 1
         count = np.array([np.bincount(far.block, weights=fit, minlength=blocks) for fit in fits])
+        usual = int(count.sum(axis=1).argmax())
+        count[: max(usual - RHO_SPREAD, 0)] = 0  # what is far apart is not as far apart as that
+        count[usual + RHO_SPREAD + 1 :] = 0
         most = count.max(axis=0)
         weight = np.maximum(count - 0.9 * most, 0)  # of those that fit about as well
         weight += 1e-9

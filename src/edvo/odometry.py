@@ -331,7 +331,7 @@ class Odometry:
             then = self._background.last_pose()
             if then is not None:
                 starts.append(se3.inverse(self._keyframe.T_world_key) @ then)
-            still = self._background.register(self._keyframe, seen, starts)
+            still = self._background.register(self._keyframe, seen, starts, self._cruise)
         if still is None:
             return None
         status, _ = self._assess(still.alignment, seen.frame.timestamp)
