@@ -28,7 +28,7 @@ YOUNG_S = 0.09  # in less hardly anything has moved by more than its noise
 APART_S, AGES_S = 0.1, (0.15, 0.3, 0.6, 1.0)  # of the images that are kept, and that are asked
 FITS, BEHIND_M = 2.5, 0.25  # times the noise; and where it may just have been hidden
 REACH, SLACK_M, SLACK_SIGMA = 2, 0.01, 2.0  # of the neighbours that speak for a place, in cells
-ROUNDS = 3  # of telling what stands still, and registering it
+ROUNDS = 2  # of telling what stands still, and registering it
 MIN_SAMPLES = 60  # that stand still
 FAR_EDGES, MIN_FAR = 400, 100  # taken, and of so many the share that fits is one
 FAR_POOL, BARE_PX, BARE_STEP = 4000, 8, 4  # edges looked at; pixels around without depth
@@ -39,6 +39,7 @@ FAR_LOSS = 0.9
 MIN_BARE = 0.25  # of the view without depth: less may be dark hair
 RHO_SPREAD = 1
 FAR_POWER = 3
+SAME_M, SAME_RAD = 0.01, math.radians(0.3)
 DRIFT_M, DRIFT_M_S, PRIOR_S = 0.05, 0.5, 0.3  # far edges are background for sure
 
 
@@ -58,6 +59,11 @@ class Still:
     seen: Seen
     alignment: Alignment
     worth: float
+
+    @property
+    def found(self) -> tuple[Seen, Alignment]:
+        """What stands still, and where."""
+        return self.seen, self.alignment
 
 
 @dataclass(slots=True)
@@ -79,6 +85,16 @@ class _Far:
     block: NDArray[np.intp]
     inverse_depths: NDArray[np.float64]
     bare: float  # share of the view
+
+
+@dataclass(frozen=True, slots=True)
+class _View:
+    """A frame and what it is held against: a keyframe, other images (pose, planes), far edges."""
+
+    key: Keyframe
+    seen: Seen
+    asked: Sequence[tuple[NDArray[np.float64], PlaneMap]]
+    far: _Far | None
 
 
 class Background:
@@ -106,7 +122,7 @@ class Background:
         self, timestamp: float, T_world_cam: NDArray[np.float64], depth: NDArray[np.float32]
     ) -> None:
         """Take a depth image to hold later ones against; not all of them are kept."""
-        if self._past and not 0 <= timestamp - self._past[-1].timestamp:
+        if self._past and not timestamp - self._past[-1].timestamp >= 0:
             self._past.clear()
         if not self._past or timestamp - self._past[-1].timestamp >= APART_S:
             self._past.append(_Past(timestamp, T_world_cam, depth.copy()))
@@ -141,16 +157,23 @@ class Background:
             None where hardly anything stands still.
         """
         asked = self._asked(key, seen.frame.timestamp)
-        far = self._far(seen)
+        if not asked:
+            return None
+        view = _View(key, seen, asked, self._far(seen))
+        places: list[NDArray[np.float64]] = []
+        for start in starts:
+            T_key_cur = self._approach(view, start)
+            if T_key_cur is not None and all(_is_apart(T_key_cur, place) for place in places):
+                places.append(T_key_cur)
         expected, reach = self._expected(key, seen.frame.timestamp, velocity)
         found = []
-        for start in starts:
-            one = self._from(key, seen, asked, far, start)
-            if one is not None:
-                T_world_cam = key.T_world_key @ one.alignment.T_ref_cur
-                away = np.linalg.norm(T_world_cam[:3, 3] - expected[:3, 3]) / reach
-                found.append(replace(one, worth=one.worth * math.exp(-(away**2) / 2)))
-        return max(found, key=lambda one: one.worth, default=None)
+        for place in places:
+            still = self._settle(view, place)
+            if still is not None:
+                T_world_cam = key.T_world_key @ still.alignment.T_ref_cur
+                away = math.hypot(*(T_world_cam - expected)[:3, 3].tolist()) / reach
+                found.append(replace(still, worth=still.worth * math.exp(-(away**2) / 2)))
+        return max(found, key=lambda still: still.worth, default=None)
 
     def _expected(
         self, key: Keyframe, timestamp: float, velocity: NDArray[np.float64]
@@ -165,45 +188,56 @@ class Background:
         age = timestamp - time
         return T_world_then @ se3.exp(velocity * age), DRIFT_M + DRIFT_M_S * age
 
-    def _from(
-        self,
-        key: Keyframe,
-        seen: Seen,
-        asked: Sequence[tuple[NDArray[np.float64], PlaneMap]],
-        far: _Far | None,
-        T_key_cur: NDArray[np.float64],
-    ) -> Still | None:
+    def _approach(
+        self, view: "_View", T_key_cur: NDArray[np.float64]
+    ) -> NDArray[np.float64] | None:
+        """Come near by what is far, which stands still for sure, and by depth that seems to."""
+        kept = self._standing(view, T_key_cur)
+        if view.far:
+            kept = replace(kept, samples=self._placed(view, T_key_cur)[0])
+        alignment = self._align(view, kept, T_key_cur)
+        return None if alignment is None else alignment.T_ref_cur
+
+    def _settle(self, view: "_View", T_key_cur: NDArray[np.float64]) -> Still | None:
         """Take turns: tell what stands still at a pose, and register it."""
-        term, alignment, kept = self._fitter.term, None, seen
-        for turn in range(ROUNDS):
-            kept = self._standing(seen, asked, key.T_world_key @ T_key_cur)
-            samples = kept.samples
-            if far:
-                placed = self._placed(key, far, T_key_cur)[0]
-                samples = placed if turn == 0 else _joined(samples, placed)
-            if len(samples) < MIN_SAMPLES:
+        kept, alignment, share = view.seen, None, 1.0
+        for _ in range(ROUNDS):
+            kept = self._standing(view, T_key_cur)
+            if view.far:
+                placed, _ = self._placed(view, T_key_cur)
+                kept = replace(kept, samples=_joined(kept.samples, placed))
+            alignment = self._align(view, kept, T_key_cur)
+            if alignment is None:
                 return None
-            alignment = self._registration.align(
-                key.edges, samples, T_key_cur[None], key.planes, kept.points, term
-            )
-            T_key_cur, kept = alignment.T_ref_cur, replace(kept, samples=samples)
-        assert alignment is not None
-        share = 1.0
-        if far:
-            share = self._placed(key, far, T_key_cur)[1]
-            near = self._standing(seen, asked, key.T_world_key @ T_key_cur)
-            if len(near.samples) >= MIN_SAMPLES:
-                again = self._registration.align(
-                    key.edges, near.samples, T_key_cur[None], key.planes, near.points, term
-                )
-                share_near = self._placed(key, far, again.T_ref_cur)[1]
+            T_key_cur = alignment.T_ref_cur
+        if view.far:  # its depths are guesses: better without, where the rest says enough
+            share = self._placed(view, T_key_cur)[1]
+            near = self._standing(view, T_key_cur)
+            again = self._align(view, near, T_key_cur)
+            if again is not None:
+                share_near = self._placed(view, again.T_ref_cur)[1]
                 if share_near > FAR_LOSS * share:
                     kept, alignment, share = near, again, share_near
-        bare = far.bare if far else 0.0
-        lying = alignment.plane_points / max(len(seen.points.sigma), 1)
+        assert alignment is not None
+        bare = view.far.bare if view.far else 0.0
+        lying = alignment.plane_points / max(len(view.seen.points.sigma), 1)
         fitting = alignment.agreeing / len(kept.samples)
         worth = bare * share**FAR_POWER + (1 - bare) * lying * fitting
         return Still(kept, alignment, worth)
+
+    def _align(
+        self, view: "_View", kept: Seen, T_key_start: NDArray[np.float64]
+    ) -> Alignment | None:
+        if len(kept.samples) < MIN_SAMPLES:
+            return None
+        return self._registration.align(
+            view.key.edges,
+            kept.samples,
+            T_key_start[None],
+            view.key.planes,
+            kept.points,
+            self._fitter.term,
+        )
 
     def _asked(self, key: Keyframe, timestamp: float) -> list[tuple[NDArray[np.float64], PlaneMap]]:
         """Images to be held against: the keyframe and some of the last second; poses, planes."""
@@ -223,16 +257,12 @@ class Background:
             asked.append((past.T_world_cam, past.planes))
         return asked
 
-    def _standing(
-        self,
-        seen: Seen,
-        asked: Sequence[tuple[NDArray[np.float64], PlaneMap]],
-        T_world_cam: NDArray[np.float64],
-    ) -> Seen:
+    def _standing(self, view: "_View", T_key_cur: NDArray[np.float64]) -> Seen:
         """Leave of a frame what stands still, if it was taken from there."""
-        points, samples, term = seen.points, seen.samples, self._fitter.term
+        seen, term = view.seen, self._fitter.term
+        points, samples, T_world_cam = seen.points, seen.samples, view.key.T_world_key @ T_key_cur
         held, broken = np.zeros((2, len(points.sigma)), np.int32)
-        for T_world_then, planes in asked:
+        for T_world_then, planes in view.asked:
             T = se3.inverse(T_world_then) @ T_world_cam
             kernels.weigh_points(
                 points, planes, self._pinhole, T, FITS, term.min_dot, BEHIND_M, held, broken
@@ -271,9 +301,7 @@ class Background:
             return None
         stride = max(len(edges) // FAR_POOL, 1)
         which = np.empty(len(edges) // stride + 1, np.int32)
-        count = kernels.edges_without_depth(
-            edges.index, depth, stride, BARE_PX, BARE_STEP, which
-        )
+        count = kernels.edges_without_depth(edges.index, depth, stride, BARE_PX, BARE_STEP, which)
         if count < MIN_FAR:
             return None
         which = which[:count]
@@ -287,13 +315,13 @@ class Background:
         reach = max(float(coarse.max()), 1.0)
         return _Far(far, rays, row * BLOCKS + column, NEARNESS / reach, bare)
 
-    def _placed(
-        self, key: Keyframe, far: _Far, T_key_cur: NDArray[np.float64]
-    ) -> tuple[EdgePixels, float]:
+    def _placed(self, view: "_View", T_key_cur: NDArray[np.float64]) -> tuple[EdgePixels, float]:
         """Put far edges, block by block, where most of them fit; and the share that does."""
+        far = view.far
+        assert far is not None
         fits = np.empty((len(far.inverse_depths), len(far.edges)))
         kernels.fit_rays(
-            key.edges.grid,
+            view.key.edges.grid,
             far.rays,
             far.edges.gradients,
             self._pinhole,
@@ -323,3 +351,11 @@ def _joined(a: EdgePixels, b: EdgePixels) -> EdgePixels:
         np.concatenate([a.gradients, b.gradients]),
         np.concatenate([a.depths, b.depths]),
     )
+
+
+def _is_apart(T: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
+    away, turn = (
+        math.hypot(*(T - other)[:3, 3].tolist()),
+        se3.rotation_angle(se3.inverse(T) @ other),
+    )
+    return away > SAME_M or turn > SAME_RAD

@@ -242,19 +242,18 @@ class Odometry:
         still = self._stand_still(seen) if self._is_moving(frame.timestamp) else None
         if still is None:
             alignment, status, reason = self._locate(seen)
-            if status is Status.LOST:
-                return self._give_up(seen, reason, alignment)
         else:
-            seen, alignment = still.seen, still.alignment
-            status, reason = Status.DEGRADED, MOVED
+            seen, alignment, status, reason = *still.found, Status.DEGRADED, MOVED
+        if status is Status.LOST:
+            return self._give_up(seen, reason, alignment)
         if self.config.status.max_conflict:
             with self._clock("witness"):
                 status, reason = self._question(seen, alignment, status, reason)
-            if still is None and self._is_noticed(frame.timestamp):
-                again = self._go_back(seen)
-                if again is not None:
-                    seen, alignment = again.seen, again.alignment
-                    status, reason = self._question(seen, alignment, Status.DEGRADED, MOVED)
+        if still is None and self._is_noticed(frame.timestamp):
+            still = self._go_back(seen)
+            if still is not None:
+                seen, alignment = still.found
+                status, reason = self._question(seen, alignment, Status.DEGRADED, MOVED)
         if status is Status.LOST:
             return self._lose_sight(seen, reason, alignment)
         return self._accept(seen, status, reason, alignment)
