@@ -26,21 +26,22 @@ from edvo.search import Seen
 
 YOUNG_S = 0.09  # in less hardly anything has moved by more than its noise
 APART_S, AGES_S = 0.1, (0.15, 0.3, 0.6, 1.0)  # of the images that are kept, and that are asked
-FITS, BEHIND_M = 2.5, 0.25  # times the noise; and where it may just have been hidden
+FITS, BEHIND_M = 2.5, 0.25  # times the noise; and what is so far behind may have been hidden
 REACH, SLACK_M, SLACK_SIGMA = 2, 0.01, 2.0  # of the neighbours that speak for a place, in cells
 ROUNDS = 2  # of telling what stands still, and registering it
-MIN_SAMPLES = 60  # that stand still
-FAR_EDGES, MIN_FAR = 400, 100  # taken, and of so many the share that fits is one
-FAR_POOL, BARE_PX, BARE_STEP = 4000, 8, 4  # edges looked at; pixels around without depth
-BLOCKS = 4  # to the width of the image, each at a depth of its own
+MIN_SAMPLES = 60  # that stand still: fewer are no background
+SAME_M, SAME_RAD = 0.01, math.radians(0.3)  # nearer to each other, poses are the same
+DRIFT_M, DRIFT_M_S, DRIFT_S = 0.05, 0.5, 0.3  # how far from where it was going, so long after
+MIN_BARE = 0.25  # of the view without depth, for it to be far: less may be dark hair
+BARE_PX, BARE_STEP = 8, 4  # around a far edge, every such pixel has no depth
+FAR_POOL, FAR_EDGES, MIN_FAR = 4000, 400, 100  # looked at, taken at most, and at least
+FAR_LEFT = 6  # one in so many is left in the end: their depths are guesses
+FAR_LOSS = 0.9  # of their fit, that leaving them out may cost
+FAR_POWER = 3  # of their fit: it tells more than that of what has depth
+FAR_FITS_PX, FAR_NEAR_PX, FAR_ANGLE_DEG = 1.0, 2.0, 45.0
 NEARNESS = np.array([0.0, 0.25, 0.5, 0.7, 0.85, 1.0])  # inverse depths, of that of the reach
-FAR_FITS_PX, FAR_NEAR_PX, FAR_ANGLE_DEG = 1.0, 4.0, 45.0
-FAR_LOSS = 0.9
-MIN_BARE = 0.25  # of the view without depth: less may be dark hair
-RHO_SPREAD = 1
-FAR_POWER = 3
-SAME_M, SAME_RAD = 0.01, math.radians(0.3)
-DRIFT_M, DRIFT_M_S, PRIOR_S = 0.05, 0.5, 0.3  # far edges are background for sure
+BLOCKS, SPREAD = 4, 1  # to the width of the image, each about as far as all, by so many of these
+AS_GOOD = 0.9  # of the best fit
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,11 +161,8 @@ class Background:
         if not asked:
             return None
         view = _View(key, seen, asked, self._far(seen))
-        places: list[NDArray[np.float64]] = []
-        for start in starts:
-            T_key_cur = self._approach(view, start)
-            if T_key_cur is not None and all(_is_apart(T_key_cur, place) for place in places):
-                places.append(T_key_cur)
+        near = [self._approach(view, start) for start in _distinct(starts)]
+        places = _distinct([T for T in near if T is not None])
         expected, reach = self._expected(key, seen.frame.timestamp, velocity)
         found = []
         for place in places:
@@ -179,7 +177,7 @@ class Background:
         self, key: Keyframe, timestamp: float, velocity: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], float]:
         """Where the camera may be expected, T_world_cam, and to how many metres."""
-        old = [past for past in self._past if timestamp - past.timestamp >= PRIOR_S]
+        old = [past for past in self._past if timestamp - past.timestamp >= DRIFT_S]
         time, T_world_then = key.timestamp, key.T_world_key
         if old:
             time, T_world_then = old[-1].timestamp, old[-1].T_world_cam
@@ -210,9 +208,10 @@ class Background:
             if alignment is None:
                 return None
             T_key_cur = alignment.T_ref_cur
-        if view.far:  # its depths are guesses: better without, where the rest says enough
-            share = self._placed(view, T_key_cur)[1]
+        if view.far:
+            placed, share = self._placed(view, T_key_cur)
             near = self._standing(view, T_key_cur)
+            near = replace(near, samples=_joined(near.samples, placed.every(FAR_LEFT)))
             again = self._align(view, near, T_key_cur)
             if again is not None:
                 share_near = self._placed(view, again.T_ref_cur)[1]
@@ -334,11 +333,10 @@ class Background:
         blocks = int(far.block.max()) + 1
         count = np.array([np.bincount(far.block, weights=fit, minlength=blocks) for fit in fits])
         usual = int(count.sum(axis=1).argmax())
-        count[: max(usual - RHO_SPREAD, 0)] = 0  # what is far apart is not as far apart as that
-        count[usual + RHO_SPREAD + 1 :] = 0
+        count[: max(usual - SPREAD, 0)] = 0
+        count[usual + SPREAD + 1 :] = 0
         most = count.max(axis=0)
-        weight = np.maximum(count - 0.9 * most, 0)  # of those that fit about as well
-        weight += 1e-9
+        weight = np.maximum(count - AS_GOOD * most, 0) + 1e-9
         nearness = (weight * far.inverse_depths[:, None]).sum(axis=0) / weight.sum(axis=0)
         depths = 1 / np.maximum(nearness, 1e-3)
         placed = replace(far.edges, depths=depths[far.block].astype(np.float32))
@@ -353,9 +351,14 @@ def _joined(a: EdgePixels, b: EdgePixels) -> EdgePixels:
     )
 
 
-def _is_apart(T: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
-    away, turn = (
-        math.hypot(*(T - other)[:3, 3].tolist()),
-        se3.rotation_angle(se3.inverse(T) @ other),
-    )
-    return away > SAME_M or turn > SAME_RAD
+def _distinct(poses: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
+    """Leave of poses that are all but the same the first."""
+    kept: list[NDArray[np.float64]] = []
+    for T in poses:
+        away = [se3.inverse(other) @ T for other in kept]
+        if all(
+            math.hypot(*way[:3, 3].tolist()) > SAME_M or se3.rotation_angle(way) > SAME_RAD
+            for way in away
+        ):
+            kept.append(T)
+    return kept
