@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from benchmarks import crowd
 from numpy.typing import NDArray
 
 from edvo import kernels, se3
@@ -15,7 +16,6 @@ from edvo.matching import Criterion, EdgeIndex
 from edvo.odometry import Odometry, Status
 from edvo.planes import PlaneFitter, PlaneMap, PlanePoints
 from edvo.registration import Registration
-from edvo.synthesis.scene import load_scene
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
 
 from . import problems, twins
@@ -49,18 +49,7 @@ def errors(
 @pytest.fixture(scope="module")
 def small_hall() -> SyntheticSource:
     """A crowd whose walls are within the reach of depth: three people, a third of the view."""
-    hall = load_scene("crowd")
-    near = []
-    for shape in hall.shapes:
-        if shape.shape == "panel" and shape.corner[1] > 3.9:
-            x, y, z = shape.corner
-            shape = shape.model_copy(update={"corner": (x, y - 1.2, z)})
-        if shape.shape == "cylinder":
-            shape = shape.model_copy(update={"at": (shape.at[0], 2.2, 0.0)})
-        if shape.walk is None or shape.at[1] < 1.5:
-            near.append(shape)
-    hall = hall.model_copy(update={"shapes": tuple(near)})
-    return SyntheticSource(make_recipe(hall, frames=260, speed=0.35, seed=4))
+    return SyntheticSource(make_recipe(crowd.small_hall(), frames=260, speed=0.35, seed=4))
 
 
 def test_where_a_third_of_the_view_moves_the_rest_is_followed(small_hall: SyntheticSource) -> None:
@@ -77,9 +66,9 @@ def test_where_a_third_of_the_view_moves_the_rest_is_followed(small_hall: Synthe
 
 
 def test_where_walls_are_out_of_reach_their_edges_hold_the_pose() -> None:
-    crowd = SyntheticSource(make_recipe("crowd", frames=25, seed=3))
-    assert errors(crowd, range(25))[0][8:].max() < 0.1
-    assert errors(crowd, range(25), *FOLLOW)[0][8:].min() > 0.3
+    far_hall = SyntheticSource(make_recipe("crowd", frames=25, seed=3))
+    assert errors(far_hall, range(25))[0][8:].max() < 0.1
+    assert errors(far_hall, range(25), *FOLLOW)[0][8:].min() > 0.3
 
 
 def test_where_nothing_moves_nothing_changes() -> None:
