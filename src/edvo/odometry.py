@@ -483,6 +483,7 @@ class Odometry:
                 self._keyframe, alignment = recovered
                 self._blind, self._T_key_last = False, alignment.T_ref_cur  # not moved, but found
                 self._witness.forget()  # what it saw from poses that were doubtful, or of a hand
+                self._background.forget()
                 if self._sure:
                     return self._accept(seen, Status.TRACKED, "", alignment)
                 self._doubt_time, self._doubt = timestamp, ASTRAY
