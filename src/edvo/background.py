@@ -125,10 +125,15 @@ class Background:
         """Take a depth image to hold later ones against; not all of them are kept."""
         if self._past and not timestamp - self._past[-1].timestamp >= 0:
             self._past.clear()
-        if not self._past or timestamp - self._past[-1].timestamp >= APART_S:
-            self._past.append(_Past(timestamp, T_world_cam, depth.copy()))
-        while timestamp - self._past[0].timestamp > AGES_S[-1] + 2 * APART_S:
-            self._past.popleft()
+        if self._past and timestamp - self._past[-1].timestamp < APART_S:
+            return
+        kept = np.empty(0, np.float32)
+        while self._past and timestamp - self._past[0].timestamp > AGES_S[-1] + APART_S:
+            kept = self._past.popleft().depth
+        if kept.shape != depth.shape:  # new memory costs more than the copy
+            kept = np.empty_like(depth)
+        kept[:] = depth
+        self._past.append(_Past(timestamp, T_world_cam, kept))
 
     def last_pose(self) -> NDArray[np.float64] | None:
         """Pose of the last image kept, T_world_cam."""
