@@ -410,3 +410,73 @@ def judge_matches(matches, packed, reference, gradients, inlier, min_dot):
     fits = np.abs(residuals) < inlier
     cosines = (reference[matches[fits]] * gradients[fits]).sum(axis=1)
     return np.count_nonzero(fits), np.count_nonzero(cosines > min_dot), residuals
+
+
+# ----------------------------------------------------------------------------- what stands still
+
+
+def _project(camera, Y):
+    return np.column_stack(
+        [camera.fx * Y[:, 0] / Y[:, 2] + camera.cx, camera.fy * Y[:, 1] / Y[:, 2] + camera.cy]
+    )
+
+
+def weigh_points(points, planes, camera, T, fits, min_dot, behind):
+    """Which points lie on the planes that they project onto, and which contradict them."""
+    Y = points.X @ T[:3, :3].T + T[:3, 3]
+    turned = points.normals @ T[:3, :3].T
+    col, row = np.floor(_project(camera, Y) / planes.step + 0.5).astype(int).T
+    inside = (Y[:, 2] > 0) & (col >= 0) & (row >= 0) & (col < planes.cols) & (row < planes.rows)
+    k = np.where(inside, row * planes.cols + col, 0)
+    inside &= planes.offsets[k] > 0
+    along = (planes.normals[k] * Y).sum(axis=1)
+    alike = (planes.normals[k] * turned).sum(axis=1) >= min_dot
+    slack = fits * points.sigma * np.maximum(np.abs(along) / Y[:, 2], 0.1)
+    held = inside & alike & (np.abs(along - planes.offsets[k]) < slack)
+    ahead = np.where(along > 0, along, np.inf)
+    near = (along > 0) & (Y[:, 2] * planes.offsets[k] / ahead > Y[:, 2] - behind)
+    return held, inside & ~held & near
+
+
+def ask_neighbours(points, held, broken, camera, step, reach, slack, slack_sigma, X):
+    """Whether more of the points around each place, on whose plane it lies, are held."""
+    cells = (_project(camera, points.X) / step).astype(int)
+    still = []
+    for x, cell in zip(X, (_project(camera, X) / step).astype(int), strict=True):
+        around = (np.abs(cells - cell) <= reach).all(axis=1)
+        away = np.abs(((x - points.X) * points.normals).sum(axis=1))
+        around &= away < slack + slack_sigma * points.sigma
+        still.append(held[around].sum() > broken[around].sum())
+    return np.array(still)
+
+
+def edges_without_depth(index, depth, stride, reach, step):
+    """Which of every stride-th edges see no depth on a lattice around them."""
+    height, width = depth.shape
+    chosen = []
+    for k in range(0, len(index), stride):
+        v, u = divmod(int(index[k]), width)
+        rows = np.arange(max(v - reach, 0), min(v + reach + 1, height), step)
+        cols = np.arange(max(u - reach, 0), min(u + reach + 1, width), step)
+        if not depth[np.ix_(rows, cols)].any():
+            chosen.append(k)
+    return np.array(chosen)
+
+
+def fit_rays(edges, rays, gradients, camera, T, near_px, angle_deg, inverse_depths, fits_px):
+    """How well each ray fits the nearest edge that is turned alike, at each inverse depth."""
+    fits = np.zeros((len(inverse_depths), len(rays)))
+    pixels, normals = edges.pixels.astype(np.float64), edges.gradients.astype(np.float64)
+    alike = gradients.astype(np.float64) @ normals.T >= np.cos(np.radians(angle_deg))
+    for row, nearness in zip(fits, inverse_depths, strict=True):
+        Y = rays @ T[:3, :3].T + T[:3, 3] * nearness
+        at = _project(camera, Y)
+        inside = (Y[:, 2] > 0) & (at >= -0.5).all(axis=1)
+        inside &= (at[:, 0] < camera.width - 0.5) & (at[:, 1] < camera.height - 0.5)
+        away = np.linalg.norm(at[:, None] - pixels, axis=2)
+        away[~alike | (away > near_px)] = np.inf
+        best = away.argmin(axis=1)
+        found = inside & np.isfinite(away.min(axis=1))
+        r = ((at - pixels[best]) * normals[best]).sum(axis=1)
+        row[found] = np.maximum(1 - (r[found] / fits_px) ** 2, 0)
+    return fits

@@ -338,6 +338,12 @@ class StatusConfig(Section):
     lost_conflict: Fraction = Field(
         default=0.3, description="share of that above which a frame is lost; with max_conflict"
     )
+    moving: Literal["leave-out", "follow"] = Field(
+        default="leave-out",
+        description="what moves by itself, once max_conflict has noticed that something does: it "
+        "is left out where depth tells it from what stands still, or edges and depth count all "
+        "alike. Not in the paper",
+    )
     covariance: Literal["cells", "none"] = Field(
         default="cells",
         description="how far a pose may be off, and which motions nothing constrains, which "
@@ -526,6 +532,7 @@ PRESETS: dict[str, dict[str, Any]] = {
             "min_agreeing": 0.0,
             "doubt_agreeing": 0.0,
             "covariance": "none",
+            "moving": "follow",
         },
     },
 }

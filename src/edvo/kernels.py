@@ -2009,3 +2009,155 @@ def judge_matches(
             if along + reference[edge, 1] * gradients[i, 1] > least:
                 agreeing += 1
     return inliers, agreeing
+
+
+# ----------------------------------------------------------------------------- what stands still
+
+
+@compiled
+def weigh_points(
+    points: PlanePoints,
+    planes: PlaneMap,
+    camera: Pinhole,
+    T: F64,
+    fits: float,
+    min_dot: float,
+    behind: float,
+    held: I32,
+    broken: I32,
+) -> None:
+    """Count for each point whether it lies on what another image shows, or contradicts it.
+
+    Warped by T it is ``held`` where it lies on the plane that it projects onto, within ``fits``
+    times the noise and turned alike, and ``broken`` where it does not, unless it is so far behind
+    that it was hidden.
+    """
+    inverse = 1 / planes.step
+    for i in range(points.sigma.size):
+        x, y, z = points.X[i, 0], points.X[i, 1], points.X[i, 2]
+        px = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
+        py = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
+        pz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+        if pz < MIN_DEPTH:
+            continue
+        col = int(np.floor((camera.fx * px / pz + camera.cx) * inverse + 0.5))
+        row = int(np.floor((camera.fy * py / pz + camera.cy) * inverse + 0.5))
+        if not (0 <= col < planes.cols and 0 <= row < planes.rows):
+            continue
+        k = row * planes.cols + col
+        if planes.offsets[k] == 0:
+            continue
+        nx, ny, nz = planes.normals[k, 0], planes.normals[k, 1], planes.normals[k, 2]
+        mx, my, mz = points.normals[i, 0], points.normals[i, 1], points.normals[i, 2]
+        dot = nx * (T[0, 0] * mx + T[0, 1] * my + T[0, 2] * mz)
+        dot += ny * (T[1, 0] * mx + T[1, 1] * my + T[1, 2] * mz)
+        dot += nz * (T[2, 0] * mx + T[2, 1] * my + T[2, 2] * mz)
+        along = nx * px + ny * py + nz * pz
+        slack = fits * points.sigma[i] * max(abs(along) / pz, 0.1)
+        if dot >= min_dot and abs(along - planes.offsets[k]) < slack:
+            held[i] += 1
+        elif along > 0 and pz * planes.offsets[k] / along > pz - behind:
+            broken[i] += 1
+
+
+@compiled
+def ask_neighbours(
+    points: PlanePoints,
+    held: I32,
+    broken: I32,
+    camera: Pinhole,
+    step: float,
+    reach: int,
+    slack: float,
+    slack_sigma: float,
+    X: F64,
+    still: NDArray[np.bool_],
+) -> None:
+    """Say which of the places X lie on surfaces that stand still, by the points around them.
+
+    Points within ``reach`` cells of ``step`` px count whose plane X lies on. They stand still
+    where more of them were held than broken.
+    """
+    rows, cols = int(camera.height / step) + 1, int(camera.width / step) + 1
+    at = np.full((rows, cols), -1, np.int32)
+    for i in range(points.sigma.size):
+        z = points.X[i, 2]
+        col = int((camera.fx * points.X[i, 0] / z + camera.cx) / step)
+        row = int((camera.fy * points.X[i, 1] / z + camera.cy) / step)
+        if 0 <= col < cols and 0 <= row < rows:
+            at[row, col] = i
+    for k in range(X.shape[0]):
+        x, y, z = X[k, 0], X[k, 1], X[k, 2]
+        col = int((camera.fx * x / z + camera.cx) / step)
+        row = int((camera.fy * y / z + camera.cy) / step)
+        pro, contra = 0, 0
+        for r in range(max(row - reach, 0), min(row + reach + 1, rows)):
+            for c in range(max(col - reach, 0), min(col + reach + 1, cols)):
+                i = at[r, c]
+                if i < 0:
+                    continue
+                away = points.normals[i, 0] * (x - points.X[i, 0])
+                away += points.normals[i, 1] * (y - points.X[i, 1])
+                away += points.normals[i, 2] * (z - points.X[i, 2])
+                if abs(away) < slack + slack_sigma * points.sigma[i]:
+                    pro += held[i]
+                    contra += broken[i]
+        still[k] = pro > contra
+
+
+@compiled
+def edges_without_depth(
+    index: I32, depth: F32, stride: int, reach: int, step: int, chosen: I32
+) -> int:
+    """Write which edges, of every stride-th, have no depth around; returns how many."""
+    height, width = depth.shape
+    count = 0
+    for k in range(0, index.size, stride):
+        v, u = index[k] // width, index[k] % width
+        bare = True
+        for r in range(max(v - reach, 0), min(v + reach + 1, height), step):
+            for c in range(max(u - reach, 0), min(u + reach + 1, width), step):
+                if depth[r, c] > 0:
+                    bare = False
+        if bare:
+            chosen[count] = k
+            count += 1
+    return count
+
+
+@compiled
+def fit_rays(
+    grid: Grid,
+    rays: F64,
+    gradients: F32,
+    camera: Pinhole,
+    T: F64,
+    criterion: Criterion,
+    inverse_depths: F64,
+    fits_px: float,
+    fits: F64,
+) -> None:
+    """Say of edges of unknown depth how well they fit the reference at several inverse depths.
+
+    From 1 down to 0 at ``fits_px``, by the square; ``criterion`` says how near an edge has to be,
+    and how it may be turned. A row of ``fits`` for each inverse depth.
+    """
+    for k in range(inverse_depths.size):
+        t = inverse_depths[k]
+        for i in range(rays.shape[0]):
+            x, y, z = rays[i, 0], rays[i, 1], rays[i, 2]
+            px = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3] * t
+            py = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3] * t
+            pz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3] * t
+            fits[k, i] = 0.0
+            if pz < MIN_DEPTH:
+                continue
+            u, v = camera.fx * px / pz + camera.cx, camera.fy * py / pz + camera.cy
+            if not (-0.5 <= u < camera.width - 0.5 and -0.5 <= v < camera.height - 0.5):
+                continue
+            gu, gv = gradients[i, 0], gradients[i, 1]
+            m, _, _ = nearest_in_grid(grid, u, v, gu, gv, criterion, NO_MATCH)
+            if m >= 0:
+                r = (u - grid.points[m, 0]) * grid.points[m, 2]
+                r += (v - grid.points[m, 1]) * grid.points[m, 3]
+                fits[k, i] = max(1.0 - (r / fits_px) ** 2, 0.0)

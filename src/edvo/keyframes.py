@@ -35,6 +35,8 @@ class Keyframe:
         What it looks like; see ``EdgeImage.view``.
     chamfer : ChamferMap
         To tell at a glance where another frame may have been taken.
+    timestamp : float
+        Seconds.
     """
 
     index: int
@@ -45,6 +47,7 @@ class Keyframe:
     points: PlanePoints
     view: NDArray[np.float64]
     chamfer: ChamferMap
+    timestamp: float = 0.0
 
 
 class KeyframeStore:

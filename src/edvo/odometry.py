@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edvo import kernels, se3
+from edvo.background import YOUNG_S, Background, Still
 from edvo.camera import Camera
 from edvo.chamfer import ChamferMap
 from edvo.clock import Clock, StageClock, no_clock
@@ -151,6 +152,7 @@ class Odometry:
         self._uncertainty = Uncertainty(camera, self.config, self._registration.solver)
         self._depth_alone = DepthAlone(camera, self.config, self._fitter.term, self._uncertainty)
         self._witness = Witness(camera, self.config.planes.sensor)
+        self._background = Background(camera, self._registration, self._fitter)
         self.reset()
 
     def reset(self, T_world_cam: NDArray[np.float64] | None = None) -> None:
@@ -190,6 +192,8 @@ class Odometry:
             self.camera, self.config, self._registration, self._fitter, self._judge
         )
         self._witness.forget()
+        self._background.forget()
+        self._moving_time = -math.inf  # when something was last seen to move by itself
         self._doubt_time, self._doubt = -math.inf, MOVED
         self._sure = True  # whether the last pose was tracked
         self._count = 0
@@ -239,12 +243,21 @@ class Odometry:
             with self._clock("recovery"):
                 recovered = self._recover(seen)
             return recovered or self._give_up(seen, UNSURE if adrift else NOWHERE, None)
-        alignment, status, reason = self._locate(seen)
+        still = self._stand_still(seen) if self._is_moving(frame.timestamp) else None
+        if still is None:
+            alignment, status, reason = self._locate(seen)
+        else:
+            seen, alignment, status, reason = *still.found, Status.DEGRADED, MOVED
         if status is Status.LOST:
             return self._give_up(seen, reason, alignment)
         if self.config.status.max_conflict:
             with self._clock("witness"):
                 status, reason = self._question(seen, alignment, status, reason)
+        if still is None and self._is_noticed(frame.timestamp):
+            still = self._go_back(seen)
+            if still is not None:
+                seen, alignment = still.found
+                status, reason = self._question(seen, alignment, Status.DEGRADED, MOVED)
         if status is Status.LOST:
             return self._lose_sight(seen, reason, alignment)
         return self._accept(seen, status, reason, alignment)
@@ -310,6 +323,34 @@ class Odometry:
             return alignment, status, reason
         self._doubt_time, self._doubt = timestamp, STEPPED
         return farther, Status.DEGRADED, FAR_STEP
+
+    def _is_moving(self, timestamp: float) -> bool:
+        """Whether something moved by itself of late, and is to be left out."""
+        recent = 0 <= timestamp - self._moving_time < DOUBTFUL_S
+        return recent and self.config.status.moving == "leave-out" and self._fitter.is_on
+
+    def _is_noticed(self, timestamp: float) -> bool:
+        """Whether this frame shows that something moves."""
+        return self._is_moving(timestamp) and self._moving_time == timestamp
+
+    def _stand_still(self, seen: Seen) -> Still | None:
+        """Register what stands still of a frame, if that is enough to be trusted."""
+        assert self._keyframe is not None
+        with self._clock("background"):
+            starts = list(self._starts(seen.frame.timestamp, seen))
+            then = self._background.last_pose()
+            if then is not None:
+                starts.append(se3.inverse(self._keyframe.T_world_key) @ then)
+            still = self._background.register(self._keyframe, seen, starts, self._cruise)
+        if still is None:
+            return None
+        status, _ = self._assess(still.alignment, seen.frame.timestamp)
+        return None if status is Status.LOST else still
+
+    def _go_back(self, seen: Seen) -> Still | None:
+        """Register again what stands still, from where the camera was before anything moved."""
+        self._background.forget(seen.frame.timestamp - YOUNG_S)
+        return self._stand_still(seen)
 
     def _give_up(self, seen: Seen, reason: str, alignment: Alignment | None) -> TrackedFrame:
         """Go on by depth where there are hardly any edges; else the frame is lost."""
@@ -453,6 +494,7 @@ class Odometry:
                 self._keyframe, alignment = recovered
                 self._blind, self._T_key_last = False, alignment.T_ref_cur  # not moved, but found
                 self._witness.forget()  # what it saw from poses that were doubtful, or of a hand
+                self._background.forget()
                 if self._sure:
                     return self._accept(seen, Status.TRACKED, "", alignment)
                 self._doubt_time, self._doubt = timestamp, ASTRAY
@@ -471,6 +513,7 @@ class Odometry:
         """Take the first usable frame as the first keyframe."""
         self._set_keyframe(seen)
         self._last_time = timestamp = seen.frame.timestamp
+        self._remember(seen)
         return self._keep(timestamp, Status.TRACKED, "", np.eye(4), -1, is_keyframe=True, seen=seen)
 
     def _accept(
@@ -503,6 +546,7 @@ class Odometry:
                 self._doubt_time, self._doubt = timestamp, ASTRAY
             self._anchor = None
         self._last_time = timestamp
+        self._remember(seen)
         if status is Status.TRACKED:
             if degenerate:
                 status, reason = Status.DEGRADED, f"not constrained: {', '.join(degenerate)}"
@@ -528,6 +572,12 @@ class Odometry:
             covariance=covariance,
             degenerate=degenerate,
         )
+
+    def _remember(self, seen: Seen) -> None:
+        """Keep the depth of a frame whose pose is known, to tell later what has moved."""
+        if self.config.status.moving == "leave-out":
+            timestamp = seen.frame.timestamp
+            self._background.remember(timestamp, self._T_world_last, seen.frame.depth)
 
     def _covariance(self, key: Keyframe, seen: Seen, alignment: Alignment) -> NDArray[np.float64]:
         """Of the motion found."""
@@ -608,6 +658,7 @@ class Odometry:
                 points=seen.points,
                 view=seen.edges.view(),
                 chamfer=ChamferMap(edges, self.camera),
+                timestamp=seen.frame.timestamp,
             )
             self._T_key_last = np.eye(4)
             if self.config.keyframes.stored:
@@ -648,6 +699,7 @@ class Odometry:
         conflict = self._witness.question(timestamp, T_world_cam, surface)
         if conflict > limits.max_conflict:
             self._doubt_time, self._doubt = timestamp, MOVED
+            self._moving_time = timestamp
             reason = f"{conflict:.0%} of the view stands where nothing was: something moves"
             if conflict > limits.lost_conflict:
                 return Status.LOST, reason

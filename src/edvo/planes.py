@@ -42,6 +42,7 @@ class PlaneFitter:
         self._rows = (camera.height - 1) // config.map_step_px + 1
         self._cols = (camera.width - 1) // config.map_step_px + 1
         self._map_nodes = _nodes(camera, config.map_step_px, 0)
+        self.point_step_px = config.point_step_px
         self._point_nodes = _nodes(camera, config.point_step_px, config.point_step_px // 2)
         self.term = DepthTerm(
             weight=config.weight,

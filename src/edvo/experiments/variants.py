@@ -81,6 +81,8 @@ VARIANTS = (
     Variant("start: where the camera was", ("motion.prior=still",)),
     Variant("witness: none", ("status.max_conflict=0",)),
     Variant("witness: what stands where nothing was", ("status.max_conflict=0.02",)),
+    Variant("what moves: followed like the rest", ("status.moving=follow",)),
+    Variant("what moves: left out", ("status.moving=leave-out",)),
     Variant("covariance: none", ("status.covariance=none",)),
     Variant("covariance: by cells", ("status.covariance=cells",)),
     Variant("agreeing gradients: not asked", ("status.min_agreeing=0", "status.doubt_agreeing=0")),

@@ -1,0 +1,194 @@
+"""What stands still is told from what moves by itself, and followed."""
+
+import math
+
+import numpy as np
+import pytest
+from benchmarks import crowd
+from numpy.typing import NDArray
+
+from edvo import kernels, se3
+from edvo.background import AGES_S, APART_S, Background
+from edvo.config import Config
+from edvo.datasets.readahead import read_ahead
+from edvo.edges import EdgePixels
+from edvo.matching import Criterion, EdgeIndex
+from edvo.odometry import Odometry, Status
+from edvo.planes import PlaneFitter, PlaneMap, PlanePoints
+from edvo.registration import Registration
+from edvo.synthesis.sequence import SyntheticSource, make_recipe
+
+from . import problems, twins
+from .test_witness import CAMERA, STILL, noisy, room
+
+PINHOLE = kernels.Pinhole(535.4, 539.2, 320.1, 247.6, 640, 480)
+FOLLOW = ("status.moving=follow",)
+
+
+def background() -> Background:
+    config = Config()
+    registration = Registration(CAMERA, config.matching, config.registration)
+    return Background(CAMERA, registration, PlaneFitter(CAMERA, config.planes))
+
+
+def errors(
+    source: SyntheticSource, indices: range, *changes: str
+) -> tuple[NDArray[np.float64], list[Status]]:
+    """Distance to the truth, metres, and the status of each frame."""
+    odometry = Odometry(source.camera, Config().with_overrides(changes))
+    frames = [reading.frame for reading in read_ahead(source, indices)]
+    results = [odometry.track(frame) for frame in frames if frame is not None]
+    truth = [source.recipe.motion.at(result.timestamp) for result in results]
+    away = [
+        (truth[0] @ result.T_world_cam)[:3, 3] - true[:3, 3]
+        for result, true in zip(results, truth, strict=True)
+    ]
+    return np.linalg.norm(away, axis=1), [result.status for result in results]
+
+
+@pytest.fixture(scope="module")
+def small_hall() -> SyntheticSource:
+    """A crowd whose walls are within the reach of depth: three people, a third of the view."""
+    return SyntheticSource(make_recipe(crowd.small_hall(), frames=260, speed=0.35, seed=4))
+
+
+def test_where_a_third_of_the_view_moves_the_rest_is_followed(small_hall: SyntheticSource) -> None:
+    indices = range(240, 260)
+    view = small_hall.render(250).things
+    world = small_hall._renderer.world
+    walking = np.unique(world.at(0.0).thing[world._walker >= 0])
+    assert np.isin(view, walking).mean() == pytest.approx(1 / 3, abs=0.1)
+    away, statuses = errors(small_hall, indices)
+    assert away[2] > 0.03  # the pose goes along before it is noticed, and comes back
+    assert away[6:].max() < 0.01
+    assert set(statuses[6:]) == {Status.DEGRADED}
+    assert errors(small_hall, indices, *FOLLOW)[0][6:].max() > 0.03
+
+
+def test_where_walls_are_out_of_reach_their_edges_hold_the_pose() -> None:
+    far_hall = SyntheticSource(make_recipe("crowd", frames=25, seed=3))
+    assert errors(far_hall, range(25))[0][8:].max() < 0.1
+    assert errors(far_hall, range(25), *FOLLOW)[0][8:].min() > 0.3
+
+
+def test_where_nothing_moves_nothing_changes() -> None:
+    source = SyntheticSource(make_recipe("stairs", frames=5, seed=3))
+    (with_it, _), (without, _) = errors(source, range(5)), errors(source, range(5), *FOLLOW)
+    np.testing.assert_array_equal(with_it, without)
+
+
+def test_the_preset_paper_follows_whatever_moves() -> None:
+    assert Config.preset("paper").status.moving == "follow"
+
+
+def test_images_are_kept_a_while_and_not_all_of_them() -> None:
+    kept = background()
+    depth = room(STILL)
+    for k in range(60):
+        kept.remember(k / 30, se3.exp(np.array([k, 0, 0, 0, 0, 0.0])), depth)
+    times = [past.timestamp for past in kept._past]
+    assert min(np.diff(times)) >= APART_S - 1e-9
+    assert 59 / 30 - times[0] <= AGES_S[-1] + 2 * APART_S
+    assert times[-1] > 59 / 30 - APART_S - 1e-9
+    kept.forget(1.5)
+    last = kept.last_pose()
+    assert last is not None
+    assert last[0, 3] < 45
+    kept.remember(0.0, STILL, depth)  # the clock has jumped back
+    assert [past.timestamp for past in kept._past] == [0.0]
+    kept.forget()
+    assert kept.last_pose() is None
+
+
+def test_a_box_that_has_moved_is_told_from_the_wall() -> None:
+    fitter = PlaneFitter(CAMERA, Config().planes)
+    planes = fitter.planes(noisy(room(STILL, box=-0.3), 1))
+    points = fitter.points(noisy(room(STILL, box=0.3), 2))
+    held, broken = weighed(points, planes, STILL)
+    on_box = points.X[:, 2] < 2.2
+    wall = points.X[:, 2] > 2.8
+    assert held[wall].mean() > 0.6  # where the box was nothing is known, nor contradicted
+    assert broken[wall].mean() < 0.05
+    assert held[on_box].mean() < 0.05
+    assert broken[on_box].mean() > 0.6
+    X = np.array([[0.3, 0.0, 2.0], [1.2, 0.0, 3.0], [0.3, 0.0, 1.0]])
+    still = asked(points, held, broken, X)
+    np.testing.assert_array_equal(still, [False, True, False])
+
+
+def weighed(
+    points: PlanePoints, planes: PlaneMap, T: NDArray[np.float64]
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    held, broken = np.zeros((2, len(points.sigma)), np.int32)
+    kernels.weigh_points(points, planes, PINHOLE, T, 2.5, 0.8, 0.25, held, broken)
+    return held, broken
+
+
+def asked(
+    points: PlanePoints,
+    held: NDArray[np.int32],
+    broken: NDArray[np.int32],
+    X: NDArray[np.float64],
+) -> NDArray[np.bool_]:
+    still = np.empty(len(X), np.bool_)
+    kernels.ask_neighbours(points, held, broken, PINHOLE, 16.0, 2, 0.01, 2.0, X, still)
+    return still
+
+
+# ---------------------------------------------------------------------- kernels and their twins
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_points_are_weighed_and_neighbours_asked_as_the_twins_do(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    fitter = PlaneFitter(CAMERA, Config().planes)
+    planes = fitter.planes(noisy(room(STILL, box=-0.1), seed))
+    points = fitter.points(noisy(room(STILL, box=0.2), seed + 10))
+    T = problems.motion(rng, 0.05, 2.0)
+    held, broken = weighed(points, planes, T)
+    expected = twins.weigh_points(points, planes, PINHOLE, T, 2.5, 0.8, 0.25)
+    assert 0 < held.sum() < len(held)
+    assert 0 < broken.sum() < len(broken)
+    np.testing.assert_array_equal(held, expected[0])
+    np.testing.assert_array_equal(broken, expected[1])
+    X = points.X[::3] * rng.uniform(0.98, 1.02, (len(points.X[::3]), 1))
+    still = asked(points, held, broken, X)
+    assert 0 < still.mean() < 1
+    np.testing.assert_array_equal(
+        still, twins.ask_neighbours(points, held, broken, PINHOLE, 16.0, 2, 0.01, 2.0, X)
+    )
+
+
+@pytest.mark.parametrize("stride", [1, 3])
+def test_edges_without_depth_are_found_as_the_twin_does(stride: int) -> None:
+    rng = np.random.default_rng(1)
+    depth = np.zeros((60, 80), np.float32)
+    depth[20:40, 30:50] = 2.0
+    index = np.flatnonzero(rng.random(depth.shape) < 0.2).astype(np.int32)
+    chosen = np.empty(len(index), np.int32)
+    count = kernels.edges_without_depth(index, depth, stride, 8, 4, chosen)
+    expected = twins.edges_without_depth(index, depth, stride, 8, 4)
+    assert 0 < count < len(index[::stride])
+    np.testing.assert_array_equal(chosen[:count], expected)
+
+
+def test_rays_fit_at_their_own_depth_as_the_twin_says() -> None:
+    rng = np.random.default_rng(2)
+    angle = rng.uniform(0, 2 * math.pi, 300)
+    gradients = np.column_stack([np.cos(angle), np.sin(angle)]).astype(np.float32)
+    pixels = rng.uniform(40, 440, (300, 2)).astype(np.float32)
+    index = EdgeIndex(EdgePixels(pixels, gradients, np.zeros(300, np.float32)), "grid", 8.0)
+    rays = np.column_stack(
+        [(pixels[:, 0] - 320.1) / 535.4, (pixels[:, 1] - 247.6) / 539.2, np.ones(300)]
+    )
+    T = se3.exp(np.array([0.3, -0.1, 0.1, 0.01, -0.02, 0.01]))
+    seen = (rays * 5.0 - T[:3, 3]) @ T[:3, :3]  # of points that are 5 m away
+    seen /= seen[:, 2:]
+    nearness = np.array([0.0, 0.1, 0.2, 0.5])
+    fits = np.empty((4, 300))
+    criterion = Criterion(0.0, 640, 2.0, 45.0).compile()
+    kernels.fit_rays(index.grid, seen, gradients, PINHOLE, T, criterion, nearness, 1.0, fits)
+    assert fits.mean(axis=1).argmax() == 2
+    np.testing.assert_allclose(
+        fits, twins.fit_rays(index.edges, seen, gradients, PINHOLE, T, 2.0, 45.0, nearness, 1.0)
+    )
