@@ -16,6 +16,7 @@ from edvo.matching import Criterion, EdgeIndex
 from edvo.odometry import Odometry, Status
 from edvo.planes import PlaneFitter, PlaneMap, PlanePoints
 from edvo.registration import Registration
+from edvo.report.sights import look
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
 
 from . import problems, twins
@@ -72,9 +73,51 @@ def test_where_walls_are_out_of_reach_their_edges_hold_the_pose() -> None:
 
 
 def test_where_nothing_moves_nothing_changes() -> None:
-    source = SyntheticSource(make_recipe("stairs", frames=5, seed=3))
-    (with_it, _), (without, _) = errors(source, range(5)), errors(source, range(5), *FOLLOW)
-    np.testing.assert_array_equal(with_it, without)
+    source = SyntheticSource(make_recipe("stairs", frames=12, seed=3))
+    with_it, without = errors(source, range(12)), errors(source, range(12), *FOLLOW)
+    np.testing.assert_array_equal(with_it[0], without[0])
+    assert with_it[1] == without[1] == [Status.TRACKED] * 12
+
+
+def test_where_it_is_mistaken_and_nothing_moves_poses_stay_right() -> None:
+    """As if the witness had seen something move a moment ago."""
+    source = SyntheticSource(make_recipe("office", frames=14, seed=3))
+    odometry = Odometry(source.camera)
+    for reading in read_ahead(source, range(14)):
+        assert reading.frame is not None
+        if reading.index == 6:
+            odometry._moving_time = reading.frame.timestamp - 1e-3
+        result = odometry.track(reading.frame)
+        true = source.recipe.motion.at(0.0) @ result.T_world_cam
+        away = np.linalg.norm((true - source.recipe.motion.at(result.timestamp))[:3, 3])
+        assert away < 0.005
+        assert result.status is (Status.DEGRADED if reading.index >= 6 else Status.TRACKED)
+
+
+def test_a_clock_that_starts_over_ends_the_doubt(small_hall: SyntheticSource) -> None:
+    odometry = Odometry(small_hall.camera)
+    for reading in read_ahead(small_hall, range(240, 248)):
+        assert reading.frame is not None
+        odometry.track(reading.frame)
+    assert odometry._is_moving(reading.frame.timestamp)
+    odometry.skip(reading.frame.timestamp - 5, "starts over")
+    assert not odometry._is_moving(reading.frame.timestamp)
+    assert odometry._background.last_pose() is None
+
+
+def test_what_was_registered_of_such_a_frame_can_be_drawn(small_hall: SyntheticSource) -> None:
+    config = Config()
+    odometry = Odometry(small_hall.camera, config)
+    for reading in read_ahead(small_hall, range(240, 250)):
+        assert reading.frame is not None
+        result = odometry.track(reading.frame)
+    assert result.status is Status.DEGRADED
+    assert result.alignment is not None
+    assert odometry._keyframe is not None
+    reference = np.zeros((result.alignment.matches.max() + 1, 2), np.float32)
+    drawn = look(reading.frame, result, reference, small_hall.camera, config)
+    assert len(drawn.samples) == result.alignment.match_count
+    assert drawn.samples.min() > 0
 
 
 def test_the_preset_paper_follows_whatever_moves() -> None:

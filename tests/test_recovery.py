@@ -71,7 +71,8 @@ def test_a_place_never_seen_is_not_recognised(walk):
 
 def keyframe(index, x, angle=0.0, view=None):
     T = se3.exp(np.array([x, 0.0, 0.0, 0.0, angle, 0.0]))
-    return Keyframe(index, T, None, None, None, None, np.eye(4)[0] if view is None else view)
+    view = np.eye(4)[0] if view is None else view
+    return Keyframe(index, T, None, None, None, None, view, None, 0.0)
 
 
 def stored(store):

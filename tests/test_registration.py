@@ -195,6 +195,17 @@ def test_the_best_of_several_starts_is_taken():
     assert problems.error(problem.T_ref_cur, far.T_ref_cur)[0] > 0.01
 
 
+@pytest.mark.parametrize("first_samples", [0, 60, 250])
+def test_a_worse_start_leaves_no_trace(first_samples):
+    """Whatever part of the samples the choice looks at, and the first stage after it."""
+    problem = moved(3)
+    worse = problem.T_ref_cur @ problems.motion(np.random.default_rng(0), 0.3, 12.0)
+    alone = register(problem, np.eye(4), first_samples=first_samples)
+    chosen = register(problem, np.eye(4), worse, first_samples=first_samples)
+    np.testing.assert_array_equal(alone.T_ref_cur, chosen.T_ref_cur)
+    np.testing.assert_array_equal(alone.history, chosen.history)
+
+
 def test_at_the_answer_one_step_a_stage_is_enough():
     problem = moved(2)
     alignment = register(problem, problem.T_ref_cur)

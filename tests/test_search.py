@@ -10,7 +10,7 @@ from edvo.chamfer import Guess
 from edvo.config import Config
 from edvo.edges import extract_edges
 from edvo.frame import Frame
-from edvo.odometry import NOT_ALONE, Odometry, Status
+from edvo.odometry import NOT_ALONE, STEPPED, Odometry, Status
 from edvo.sampling import sample_edges
 from edvo.search import Seen, _Place
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
@@ -230,3 +230,34 @@ def test_found_again_from_a_doubtful_pose_is_degraded_for_a_second(apart):
         grey = np.clip(frames[0].grey + noise, 0, 255).astype(np.uint8)
         states[after] = odometry.track(Frame(t + 0.7 + after, grey, frames[0].depth)).status
     assert states == {0.0: Status.DEGRADED, 0.5: Status.DEGRADED, 1.1: Status.TRACKED}
+
+
+def test_after_a_step_that_fits_elsewhere_too_poses_are_in_doubt(apart, monkeypatch):
+    camera, frames, _ = apart
+    odometry = Odometry(camera)
+    odometry.track(frames[0])
+    monkeypatch.setattr(odometry._search, "is_alone", lambda *given: False)
+    rng = np.random.default_rng(0)
+    states = []
+    for after in (0.6, 0.63, 1.7):
+        noise = rng.integers(-1, 2, frames[0].grey.shape)
+        grey = np.clip(frames[0].grey + noise, 0, 255).astype(np.uint8)
+        monkeypatch.setattr(odometry._search, "is_alone", lambda *given: len(states) > 0)
+        states.append(odometry.track(Frame(frames[0].timestamp + after, grey, frames[0].depth)))
+    assert [state.reason for state in states] == [NOT_ALONE, STEPPED, ""]
+
+
+def test_a_far_step_found_by_a_search_is_looked_at_once_more(apart, monkeypatch):
+    camera, frames, _ = apart
+    odometry = Odometry(camera)
+    odometry.track(frames[0])
+    key, search = odometry._keyframe, odometry._search
+    right = search._register(key, key.samples, key.points, np.eye(4))
+    bad = replace(right, inliers=0)
+    monkeypatch.setattr(odometry._registration, "align", lambda *given: bad)
+    monkeypatch.setattr(search, "around", lambda *given: right)
+    monkeypatch.setattr(search, "is_alone", lambda *given: False)
+    noise = np.random.default_rng(0).integers(-1, 2, frames[0].grey.shape)
+    grey = np.clip(frames[0].grey + noise, 0, 255).astype(np.uint8)
+    result = odometry.track(Frame(frames[0].timestamp + 0.6, grey, frames[0].depth))
+    assert (result.status, result.reason) == (Status.DEGRADED, NOT_ALONE)

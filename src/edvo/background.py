@@ -22,16 +22,18 @@ from edvo.keyframes import Keyframe
 from edvo.matching import Criterion
 from edvo.planes import PlaneFitter, PlaneMap, PlanePoints, camera_of
 from edvo.registration import Alignment, Registration
-from edvo.search import Seen
+from edvo.search import Seen, is_apart
 
 YOUNG_S = 0.09  # in less hardly anything has moved by more than its noise
 APART_S, AGES_S = 0.1, (0.15, 0.3, 0.6, 1.0)  # of the images that are kept, and that are asked
+OLDEST_S = AGES_S[-1] + APART_S
 FITS, BEHIND_M = 2.5, 0.25  # times the noise; and what is so far behind may have been hidden
 REACH, SLACK_M, SLACK_SIGMA = 2, 0.01, 2.0  # of the neighbours that speak for a place, in cells
 ROUNDS = 2  # of telling what stands still, and registering it
 MIN_SAMPLES = 60  # that stand still: fewer are no background
 SAME_M, SAME_RAD = 0.02, math.radians(0.4)  # nearer to each other, poses are the same
 DRIFT_M, DRIFT_M_S, DRIFT_S = 0.05, 0.5, 0.3  # how far from where it was going, so long after
+REACHED = 99.5  # percent of the depths: as far as the sensor reaches
 MIN_BARE = 0.25  # of the view without depth, for it to be far: less may be dark hair
 BARE_PX, BARE_STEP = 8, 4  # around a far edge, every such pixel has no depth
 FAR_POOL, FAR_EDGES, MIN_FAR = 4000, 400, 100  # looked at, taken at most, and at least
@@ -115,20 +117,36 @@ class Background:
         self._past: deque[_Past] = deque()
 
     def forget(self, since: float = -np.inf) -> None:
-        """Forget what was seen since then: its poses are not to be trusted."""
+        """Forget what was seen since then: its poses are not to be trusted.
+
+        Parameters
+        ----------
+        since : float, optional
+            Seconds; all where not given.
+        """
         while self._past and self._past[-1].timestamp >= since:
             self._past.pop()
 
     def remember(
         self, timestamp: float, T_world_cam: NDArray[np.float64], depth: NDArray[np.float32]
     ) -> None:
-        """Take a depth image to hold later ones against; not all of them are kept."""
-        if self._past and not timestamp - self._past[-1].timestamp >= 0:
-            self._past.clear()
+        """Take a depth image to hold later ones against; not all of them are kept.
+
+        Parameters
+        ----------
+        timestamp : float
+            Seconds.
+        T_world_cam : ndarray of float64, shape (4, 4)
+            Where it was taken.
+        depth : ndarray of float32, shape (H, W)
+            Metres; it is copied.
+        """
+        if self._past and timestamp < self._past[-1].timestamp - OLDEST_S:
+            self._past.clear()  # the clock has started over
         if self._past and timestamp - self._past[-1].timestamp < APART_S:
             return
         kept = np.empty(0, np.float32)
-        while self._past and timestamp - self._past[0].timestamp > AGES_S[-1] + APART_S:
+        while self._past and timestamp - self._past[0].timestamp > OLDEST_S:
             kept = self._past.popleft().depth
         if kept.shape != depth.shape:  # new memory costs more than the copy
             kept = np.empty_like(depth)
@@ -136,7 +154,13 @@ class Background:
         self._past.append(_Past(timestamp, T_world_cam, kept))
 
     def last_pose(self) -> NDArray[np.float64] | None:
-        """Pose of the last image kept, T_world_cam."""
+        """Give the pose of the last image kept.
+
+        Returns
+        -------
+        ndarray of float64, shape (4, 4), or None
+            T_world_cam.
+        """
         return self._past[-1].T_world_cam if self._past else None
 
     def register(
@@ -188,7 +212,7 @@ class Background:
             time, T_world_then = old[-1].timestamp, old[-1].T_world_cam
         elif self._past and self._past[0].timestamp > time:
             time, T_world_then = self._past[0].timestamp, self._past[0].T_world_cam
-        age = timestamp - time
+        age = min(max(timestamp - time, 0.0), AGES_S[-1])
         return T_world_then @ se3.exp(velocity * age), DRIFT_M + DRIFT_M_S * age
 
     def _approach(
@@ -246,8 +270,9 @@ class Background:
     def _asked(self, key: Keyframe, timestamp: float) -> list[tuple[NDArray[np.float64], PlaneMap]]:
         """Images to be held against: the keyframe and some of the last second; poses, planes."""
         chosen: list[_Past] = []
+        recent = [past for past in self._past if timestamp - past.timestamp <= OLDEST_S]
         for age in AGES_S:
-            old = [past for past in self._past if timestamp - past.timestamp >= age - APART_S / 2]
+            old = [past for past in recent if timestamp - past.timestamp >= age - APART_S / 2]
             if old and all(old[-1] is not past for past in chosen):
                 chosen.append(old[-1])
         if len(chosen) > 2:
@@ -316,7 +341,8 @@ class Background:
         side = camera.width / BLOCKS
         column = np.clip(far.pixels[:, 0] // side, 0, BLOCKS - 1).astype(np.intp)
         row = np.clip(far.pixels[:, 1] // side, 0, None).astype(np.intp)
-        reach = max(float(coarse.max()), 1.0)
+        there = coarse[coarse > 0]  # but for stray ones
+        reach = max(float(np.percentile(there, REACHED)) if there.size else 0.0, 1.0)
         return _Far(far, rays, row * BLOCKS + column, NEARNESS / reach, bare)
 
     def _placed(self, view: "_View", T_key_cur: NDArray[np.float64]) -> tuple[EdgePixels, float]:
@@ -360,10 +386,6 @@ def _distinct(poses: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64]]
     """Leave of poses that are all but the same the first."""
     kept: list[NDArray[np.float64]] = []
     for T in poses:
-        away = [se3.inverse(other) @ T for other in kept]
-        if all(
-            math.hypot(*way[:3, 3].tolist()) > SAME_M or se3.rotation_angle(way) > SAME_RAD
-            for way in away
-        ):
+        if is_apart(T, kept, SAME_M, SAME_RAD):
             kept.append(T)
     return kept

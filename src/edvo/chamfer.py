@@ -224,7 +224,7 @@ def score_images(edges: EdgePixels, width: int, height: int) -> NDArray[np.uint8
     return scores
 
 
-@functools.cache
+@functools.lru_cache(4)
 def _turns(reach_deg: float) -> NDArray[np.float64]:
     """Turns of a camera about its own axes: a hand turns it faster than it carries it."""
     yaws, pitches = int(reach_deg / STEP_DEG), int(reach_deg / 2 / STEP_DEG)
@@ -240,7 +240,7 @@ def _turns(reach_deg: float) -> NDArray[np.float64]:
     return turns
 
 
-@functools.cache
+@functools.lru_cache(4)
 def _shifts(reach_deg: float) -> NDArray[np.float64]:
     """Ways of a camera that move the image as turns do, for each metre that it is away."""
     yaws, pitches = int(reach_deg / STEP_DEG), int(reach_deg / 2 / STEP_DEG)

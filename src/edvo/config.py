@@ -290,8 +290,8 @@ class MotionConfig(Section):
     search_deg: Annotated[float, Field(ge=0, le=45)] = Field(
         default=24.0,
         description="where a registration is in doubt, or a step is a far one, turns of the camera "
-        "up to so much to either side, and half as much up and down, are judged at a glance, and "
-        "the likeliest registered; 0 for none. Not in the paper",
+        "up to so much to either side, and half as much up and down, 3 degrees apart, are judged "
+        "at a glance, and the likeliest registered; 0 for none. Not in the paper",
     )
     max_speed_m_s: Positive = Field(default=5.0, description="a faster pose is an error")
     max_turn_deg_s: Positive = Field(default=500.0, description="a faster turn is an error")

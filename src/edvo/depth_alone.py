@@ -148,6 +148,7 @@ class DepthAlone:
             H=H / sigma**2,
             matches=np.full(n, kernels.NO_MATCH, np.int32),
             residuals=np.full(n, np.nan),
+            pixels=samples.pixels,
             inliers=0,
             agreeing=0,
             sigma_px=0.0,

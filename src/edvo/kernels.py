@@ -1254,14 +1254,11 @@ def best_start(
     criterion: Criterion,
     solver: Solver,
     stride: np.int64,
-    matches: Matches,
 ) -> int:
-    """Which of several poses has the lowest cost over every ``stride``-th sample, at unit scale.
-
-    What is left in ``matches`` are hints for what is matched next.
-    """
+    """Which of several poses has the lowest cost over every ``stride``-th sample, at unit scale."""
     best, best_cost = 0, np.inf
     if starts.shape[0] > 1 and points.shape[0] > 0:
+        matches = new_matches(points.shape[0])
         residuals = np.empty(points.shape[0])
         taken = (points.shape[0] + stride - 1) // stride
         for s in range(starts.shape[0]):
@@ -1336,7 +1333,6 @@ def align(
             robust if first_stage == 0 else normal,
             solver,
             stride,
-            matches,
         )
     ]
     reason, iterations, count = EXHAUSTED, 0, 0

@@ -47,7 +47,7 @@ class Keyframe:
     points: PlanePoints
     view: NDArray[np.float64]
     chamfer: ChamferMap
-    timestamp: float = 0.0
+    timestamp: float
 
 
 class KeyframeStore:

@@ -80,14 +80,15 @@ class TrackedFrame:
     edges : int
         Edge pixels found.
     samples : int
-        Edge pixels with depth that were drawn.
+        Edge pixels with depth that were drawn; where something moves, those of them that stand
+        still, and far ones whose depth is a guess.
     alignment : Alignment or None
         The registration; None where there was none.
     covariance : ndarray of float64, shape (6, 6), or None
         Of ``T_key_cur``: of the twist [v, w] (metres, radians) in the keyframe's camera with
-        T_true = exp([v, w]) T_key_cur. None where there was no registration or it failed, and
-        where ``status.covariance`` is ``none``, as in the preset ``paper``, unless depth alone
-        carries the frame or has let it drift.
+        T_true = exp([v, w]) T_key_cur. Not calibrated for frames where something moves. None
+        where there was no registration or it failed, and where ``status.covariance`` is ``none``,
+        as in the preset ``paper``, unless depth alone carries the frame or has let it drift.
     degenerate : tuple of str
         Motions in the keyframe's camera that neither edges nor depth noticed; the frame is then
         at best ``DEGRADED``. Along them a frame without edges is only predicted, and they are
@@ -247,20 +248,19 @@ class Odometry:
         if still is None:
             alignment, status, reason = self._locate(seen)
         else:
-            seen, alignment, status, reason = *still.found, Status.DEGRADED, MOVED
+            alignment, status, reason = still.alignment, Status.DEGRADED, MOVED
         if status is Status.LOST:
             return self._give_up(seen, reason, alignment)
         if self.config.status.max_conflict:
-            with self._clock("witness"):
-                status, reason = self._question(seen, alignment, status, reason)
-        if still is None and self._is_noticed(frame.timestamp):
-            still = self._go_back(seen)
-            if still is not None:
-                seen, alignment = still.found
-                status, reason = self._question(seen, alignment, Status.DEGRADED, MOVED)
+            status, reason = self._question(seen, alignment, status, reason)
+            if still is None and self._is_noticed(frame.timestamp):
+                still = self._go_back(seen)
+                if still is not None:
+                    alignment = still.alignment
+                    status, reason = self._question(seen, alignment, Status.DEGRADED, MOVED)
         if status is Status.LOST:
             return self._lose_sight(seen, reason, alignment)
-        return self._accept(seen, status, reason, alignment)
+        return self._accept(seen, status, reason, alignment, still)
 
     def skip(self, timestamp: float, reason: str) -> TrackedFrame:
         """Take note of a frame that could not be had, for instance since its file is broken.
@@ -304,30 +304,37 @@ class Odometry:
                 key.edges, seen.samples, starts, key.planes, seen.points, self._fitter.term
             )
         status, reason = self._assess(alignment, timestamp)
-        if not self.config.motion.search_deg:
-            return alignment, status, reason
-        if status is Status.TRACKED:
-            if self._is_far_step(timestamp):
-                with self._clock("search"):
-                    if not self._search.is_alone(key, alignment.T_ref_cur, seen):
-                        status, reason = Status.DEGRADED, NOT_ALONE
+        far = self._is_far_step(timestamp)
+        if not self.config.motion.search_deg or (status is Status.TRACKED and not far):
             return alignment, status, reason
         with self._clock("search"):
-            alignment = self._search.around(key, self._T_key_last, seen, alignment)
-            status, reason = self._assess(alignment, timestamp)
-            if status is not Status.LOST or not self._is_far_step(timestamp):
+            if status is not Status.TRACKED:
+                alignment = self._search.around(key, self._T_key_last, seen, alignment)
+                status, reason = self._assess(alignment, timestamp)
+            if not far or status is Status.DEGRADED:
                 return alignment, status, reason
-            gap = self._period(timestamp)
-            farther = self._search.farther(key, self._T_key_last, seen, gap)
-        if farther is None:
-            return alignment, status, reason
+            if status is Status.TRACKED:
+                if self._search.is_alone(key, alignment.T_ref_cur, seen):
+                    return alignment, status, reason
+                found, reason = alignment, NOT_ALONE
+            else:
+                gap = self._period(timestamp)
+                farther = self._search.farther(key, self._T_key_last, seen, gap)
+                if farther is None:
+                    return alignment, status, reason
+                found, reason = farther, FAR_STEP
         self._doubt_time, self._doubt = timestamp, STEPPED
-        return farther, Status.DEGRADED, FAR_STEP
+        return found, Status.DEGRADED, reason
+
+    @property
+    def _leaves_out(self) -> bool:
+        """Whether what moves is left out: depth has to tell it from what does not."""
+        status = self.config.status
+        return status.moving == "leave-out" and status.max_conflict > 0 and self._fitter.is_on
 
     def _is_moving(self, timestamp: float) -> bool:
         """Whether something moved by itself of late, and is to be left out."""
-        recent = 0 <= timestamp - self._moving_time < DOUBTFUL_S
-        return recent and self.config.status.moving == "leave-out" and self._fitter.is_on
+        return self._leaves_out and 0 <= timestamp - self._moving_time < DOUBTFUL_S
 
     def _is_noticed(self, timestamp: float) -> bool:
         """Whether this frame shows that something moves."""
@@ -349,7 +356,9 @@ class Odometry:
 
     def _go_back(self, seen: Seen) -> Still | None:
         """Register again what stands still, from where the camera was before anything moved."""
-        self._background.forget(seen.frame.timestamp - YOUNG_S)
+        since = seen.frame.timestamp - YOUNG_S
+        self._background.forget(since)
+        self._witness.forget(since)
         return self._stand_still(seen)
 
     def _give_up(self, seen: Seen, reason: str, alignment: Alignment | None) -> TrackedFrame:
@@ -368,6 +377,8 @@ class Odometry:
         """Begin to count anew where a clock has jumped back, as a recording that starts over."""
         if self._last_time is not None and timestamp < self._last_time - BACK_S:
             self._last_time, self._last_recovery = timestamp, -math.inf
+            self._doubt_time = self._moving_time = -math.inf
+            self._background.forget()
             if self._anchor is not None:
                 self._anchor = timestamp, self._anchor[1]
 
@@ -431,8 +442,7 @@ class Odometry:
         status = Status.LOST if misfit else Status.DEGRADED
         # Where it may have drifted there is nothing to hold against the depth of a moment ago.
         if not misfit and not loose and self.config.status.max_conflict:
-            with self._clock("witness"):
-                status, reason = self._question(seen, alignment, status, reason)
+            status, reason = self._question(seen, alignment, status, reason)
         if status is Status.LOST:
             return self._lose_sight(seen, f"{few}; {misfit or reason}", alignment)
         if loose:
@@ -517,10 +527,16 @@ class Odometry:
         return self._keep(timestamp, Status.TRACKED, "", np.eye(4), -1, is_keyframe=True, seen=seen)
 
     def _accept(
-        self, seen: Seen, status: Status, reason: str, alignment: Alignment
+        self,
+        seen: Seen,
+        status: Status,
+        reason: str,
+        alignment: Alignment,
+        still: Still | None = None,
     ) -> TrackedFrame:
         """Move on to the pose found, and to a new keyframe where one is due."""
         assert self._keyframe is not None
+        registered = seen if still is None else still.seen
         keyframe, T_key_cur = self._keyframe, alignment.T_ref_cur
         timestamp = seen.frame.timestamp
         T_last_cur, period = self._moved(T_key_cur, timestamp)
@@ -539,7 +555,7 @@ class Odometry:
         degenerate: tuple[str, ...] = ()
         if self.config.status.covariance != "none" or self._anchor is not None:
             with self._clock("uncertainty"):
-                covariance = self._covariance(keyframe, seen, alignment)
+                covariance = self._covariance(keyframe, registered, alignment)
                 degenerate = tuple(describe(way) for way in degenerate_directions(covariance))
         if self._anchor is not None and not degenerate:  # else it may still be off along those
             if self._unseen(timestamp) > LONG_LOST_S:
@@ -552,7 +568,7 @@ class Odometry:
                 status, reason = Status.DEGRADED, f"not constrained: {', '.join(degenerate)}"
             elif self._is_doubtful(timestamp):
                 status, reason = Status.DEGRADED, self._doubt
-        share = alignment.inliers / len(seen.samples)
+        share = alignment.inliers / len(registered.samples)
         age = self._count - keyframe.index
         rule, better = self.config.keyframes, False
         if rule.early_share < 1 and covariance is not None:
@@ -567,7 +583,7 @@ class Odometry:
             T_key_cur,
             keyframe.index,
             is_keyframe=due,
-            seen=seen,
+            seen=registered,
             alignment=alignment,
             covariance=covariance,
             degenerate=degenerate,
@@ -575,7 +591,7 @@ class Odometry:
 
     def _remember(self, seen: Seen) -> None:
         """Keep the depth of a frame whose pose is known, to tell later what has moved."""
-        if self.config.status.moving == "leave-out":
+        if self._leaves_out:
             timestamp = seen.frame.timestamp
             self._background.remember(timestamp, self._T_world_last, seen.frame.depth)
 
@@ -694,9 +710,11 @@ class Odometry:
         """Hold a pose against the depth of a moment ago: what was empty cannot be filled."""
         assert self._keyframe is not None
         timestamp, limits = seen.frame.timestamp, self.config.status
-        surface = self._witness.surface(seen.frame.depth)
         T_world_cam = self._keyframe.T_world_key @ alignment.T_ref_cur
-        conflict = self._witness.question(timestamp, T_world_cam, surface)
+        with self._clock("witness"):
+            self._witness.forget(timestamp)  # what it was told of this frame by another pose
+            surface = self._witness.surface(seen.frame.depth)
+            conflict = self._witness.question(timestamp, T_world_cam, surface)
         if conflict > limits.max_conflict:
             self._doubt_time, self._doubt = timestamp, MOVED
             self._moving_time = timestamp

@@ -79,6 +79,8 @@ class Alignment:
         Reference edge of each sample; -1 where it has none.
     residuals : ndarray of float64, shape (N,)
         Pixels; NaN where there is no match.
+    pixels : ndarray of float32, shape (N, 2)
+        Ideal pixel of each sample in the current image.
     inliers : int
         Matches with a residual below ``StatusConfig.inlier_px``.
     agreeing : int
@@ -108,6 +110,7 @@ class Alignment:
     H: NDArray[np.float64]
     matches: NDArray[np.int32]
     residuals: NDArray[np.float64]
+    pixels: NDArray[np.float32]
     inliers: int
     agreeing: int
     sigma_px: float
@@ -272,6 +275,7 @@ class Registration:
             H=H,
             matches=matches,
             residuals=residuals,
+            pixels=samples.pixels,
             inliers=inliers,
             agreeing=agreeing,
             sigma_px=sigma,

@@ -109,7 +109,7 @@ class Search:
             guesses = [
                 guess
                 for guess in guesses
-                if guess.score > score and _is_apart(guess.T_ref_cur, [known], ELSE_M, ELSE_RAD)
+                if guess.score > score and is_apart(guess.T_ref_cur, [known], ELSE_M, ELSE_RAD)
             ]
             if not guesses:
                 return found  # a glance tells that it is nowhere else
@@ -164,7 +164,7 @@ class Search:
         starts = np.array([_moved(T_key_cur, side * far) for far in ASIDE_M for side in SIDES])
         enough = AS_WELL * key.chamfer.score(seen.samples, T_key_cur)
         return not any(
-            guess.score > enough and _is_apart(guess.T_ref_cur, [T_key_cur])
+            guess.score > enough and is_apart(guess.T_ref_cur, [T_key_cur])
             for guess in key.chamfer.beside(seen.samples, starts)
         )
 
@@ -224,8 +224,9 @@ class Search:
     ) -> Alignment | None:
         """Look for a step that is too far for the judge: little may be in view of both.
 
-        Depth counts as it does and less: in a fast turn it is out of step with the edges. What is
-        found has to explain enough of what both see, both ways, and nothing else may.
+        Depth counts as it does, and where that finds no place, or several, less: in a fast turn
+        it is out of step with the edges. What is found has to explain enough of what both see,
+        both ways, and nothing else may that is found in the same way.
 
         Parameters
         ----------
@@ -258,6 +259,8 @@ class Search:
         self, starts: Sequence[tuple[Keyframe, NDArray[np.float64]]], seen: Seen
     ) -> list[tuple[Keyframe, NDArray[np.float64]]]:
         """Choose the likeliest of all places that a glance tells from several starts."""
+        if not self._reach:
+            return list(starts)
         guesses = [
             (guess.score, key, guess.T_ref_cur)
             for key, start in starts
@@ -267,7 +270,7 @@ class Search:
         taken: list[NDArray[np.float64]] = []
         for _, key, T_key_cur in sorted(guesses, key=lambda guess: -guess[0]):
             T_world_cam = key.T_world_key @ T_key_cur
-            if len(chosen) < GLANCES and _is_apart(T_world_cam, taken, ELSE_M, ELSE_RAD):
+            if len(chosen) < GLANCES and is_apart(T_world_cam, taken, ELSE_M, ELSE_RAD):
                 taken.append(T_world_cam)
                 chosen.append((key, T_key_cur))
         return chosen
@@ -321,7 +324,7 @@ class Search:
             if (
                 len(chosen) < PLACES
                 and fit >= SLIGHT * best
-                and _is_apart(T_world_cam, taken, *hunt.apart)
+                and is_apart(T_world_cam, taken, *hunt.apart)
             ):
                 taken.append(T_world_cam)
                 chosen.append((key, T_world_cam))
@@ -436,17 +439,30 @@ def _distinct(places: Sequence[_Place]) -> list[_Place]:
     """Leave the worthiest registration of each place, the worthiest place first."""
     kept: list[_Place] = []
     for place in sorted(places, key=lambda place: -place.worth):
-        if _is_apart(place.T_world_cam, [other.T_world_cam for other in kept]):
+        if is_apart(place.T_world_cam, [other.T_world_cam for other in kept]):
             kept.append(place)
     return kept
 
 
-def _is_apart(
+def is_apart(
     T: NDArray[np.float64],
     others: Sequence[NDArray[np.float64]],
     metres: float = APART_M,
     radians: float = APART_RAD,
 ) -> bool:
+    """Whether a pose is none of some others.
+
+    Parameters
+    ----------
+    T : ndarray of float64, shape (4, 4)
+    others : sequence of ndarray of float64, shape (4, 4)
+    metres, radians : float
+        Poses nearer to each other, by both, are the same.
+
+    Returns
+    -------
+    bool
+    """
     return all(
         _distance(T, other) > metres or se3.rotation_angle(se3.inverse(T) @ other) > radians
         for other in others

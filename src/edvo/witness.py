@@ -67,9 +67,16 @@ class Witness:
         self._rows, self._cols = u.shape
         self._seen: deque[tuple[float, NDArray[np.float64], Surface]] = deque()
 
-    def forget(self) -> None:
-        """Forget all that was seen."""
-        self._seen.clear()
+    def forget(self, since: float = -np.inf) -> None:
+        """Forget what was seen since then.
+
+        Parameters
+        ----------
+        since : float, optional
+            Seconds; all where not given.
+        """
+        while self._seen and self._seen[-1][0] >= since:
+            self._seen.pop()
 
     def surface(self, depth: NDArray[np.float32]) -> Surface:
         """Keep of a depth image what can be held against others.

@@ -9,8 +9,7 @@ from edvo.camera import Camera
 from edvo.config import Config
 from edvo.edges import extract_edges
 from edvo.frame import Frame
-from edvo.odometry import SEED_STRIDE, TrackedFrame
-from edvo.sampling import sample_edges
+from edvo.odometry import TrackedFrame
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,11 +108,9 @@ def look(
     samples = references = np.empty((0, 2), np.float32)
     residuals = np.empty(0)
     if result.alignment is not None and reference is not None:
-        seed = config.seed * SEED_STRIDE + result.index
-        drawn = sample_edges(image, frame.depth, camera, config.sampling, config.edges, seed).pixels
         matches = result.alignment.matches
         matched = matches >= 0
-        samples, references = drawn[matched], reference[matches[matched]]
+        samples, references = result.alignment.pixels[matched], reference[matches[matched]]
         residuals = result.alignment.residuals[matched]
     grey = camera.undistort_image(frame.grey)
     return Seen(grey, edges.pixels, edges.gradients, samples, references, residuals)
