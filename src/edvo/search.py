@@ -205,7 +205,13 @@ class Search:
         hunt = self._hunt(seen, expected, gap_s)
         starts += [(key, se3.inverse(key.T_world_key) @ T) for key in likest for T in expected]
         starts = [*self._rivals, *self._glance(starts, seen)]
-        rivals = self._with_rivals(hunt, self._look_closely(hunt, self._promising(hunt, starts)))
+        promising = self._promising(hunt, starts)
+        for key in (last, *likest):  # what one of them shows too little of another may show
+            for _, T_world_cam in promising[:1]:
+                taken = [T for other, T in promising if other is key]
+                if is_apart(T_world_cam, taken):
+                    promising.append((key, T_world_cam))
+        rivals = self._with_rivals(hunt, self._look_closely(hunt, promising))
         if not rivals:
             return None  # a doubt outlives a frame that fits nothing
         if len(rivals) > 1:
@@ -267,11 +273,9 @@ class Search:
             for guess in key.chamfer.likely(seen.samples, start, self._reach, LIKELY)
         ]
         chosen: list[tuple[Keyframe, NDArray[np.float64]]] = []
-        taken: list[NDArray[np.float64]] = []
         for _, key, T_key_cur in sorted(guesses, key=lambda guess: -guess[0]):
-            T_world_cam = key.T_world_key @ T_key_cur
-            if len(chosen) < GLANCES and is_apart(T_world_cam, taken, ELSE_M, ELSE_RAD):
-                taken.append(T_world_cam)
+            taken = [T for other, T in chosen if other is key]
+            if len(chosen) < GLANCES and is_apart(T_key_cur, taken, ELSE_M, ELSE_RAD):
                 chosen.append((key, T_key_cur))
         return chosen
 
@@ -308,7 +312,10 @@ class Search:
         starts: Sequence[tuple[Keyframe, NDArray[np.float64]]],
         known: Sequence["_Place"] = (),
     ) -> list[tuple[Keyframe, NDArray[np.float64]]]:
-        """Register few samples from each start; where they fit, best first, each place once."""
+        """Register few samples from each start; where they fit, best first.
+
+        Each place once for each keyframe: one may show enough of it, another not.
+        """
         fits = []
         for key, start in starts:
             tried = self._register(key, hunt.few, hunt.seen.points, start, hunt.term)
@@ -319,14 +326,14 @@ class Search:
         fits.sort(key=lambda fit: -fit[0])
         best = max([fit for fit, _, _ in fits] + [place.agreed for place in known], default=0.0)
         chosen: list[tuple[Keyframe, NDArray[np.float64]]] = []
-        taken = [place.T_world_cam for place in known]
+        places = [place.T_world_cam for place in known]
         for fit, key, T_world_cam in fits:
+            taken = places + [T for other, T in chosen if other is key]
             if (
                 len(chosen) < PLACES
                 and fit >= SLIGHT * best
                 and is_apart(T_world_cam, taken, *hunt.apart)
             ):
-                taken.append(T_world_cam)
                 chosen.append((key, T_world_cam))
         return chosen
 
