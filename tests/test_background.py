@@ -20,6 +20,7 @@ from edvo.report.sights import look
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
 
 from . import problems, twins
+from .test_kernels import both
 from .test_witness import CAMERA, STILL, noisy, room
 
 PINHOLE = kernels.Pinhole(535.4, 539.2, 320.1, 247.6, 640, 480)
@@ -188,18 +189,23 @@ def test_points_are_weighed_and_neighbours_asked_as_the_twins_do(seed: int) -> N
     planes = fitter.planes(noisy(room(STILL, box=-0.1), seed))
     points = fitter.points(noisy(room(STILL, box=0.2), seed + 10))
     T = problems.motion(rng, 0.05, 2.0)
-    held, broken = weighed(points, planes, T)
-    expected = twins.weigh_points(points, planes, PINHOLE, T, 2.5, 0.8, 0.25)
+    (held, broken), expected = both(
+        "weigh_points",
+        lambda: weighed(points, planes, T),
+        lambda: twins.weigh_points(points, planes, PINHOLE, T, 2.5, 0.8, 0.25),
+    )
     assert 0 < held.sum() < len(held)
     assert 0 < broken.sum() < len(broken)
     np.testing.assert_array_equal(held, expected[0])
     np.testing.assert_array_equal(broken, expected[1])
     X = points.X[::3] * rng.uniform(0.98, 1.02, (len(points.X[::3]), 1))
-    still = asked(points, held, broken, X)
-    assert 0 < still.mean() < 1
-    np.testing.assert_array_equal(
-        still, twins.ask_neighbours(points, held, broken, PINHOLE, 16.0, 2, 0.01, 2.0, X)
+    still, expected_still = both(
+        "ask_neighbours",
+        lambda: asked(points, held, broken, X),
+        lambda: twins.ask_neighbours(points, held, broken, PINHOLE, 16.0, 2, 0.01, 2.0, X),
     )
+    assert 0 < still.mean() < 1
+    np.testing.assert_array_equal(still, expected_still)
 
 
 @pytest.mark.parametrize("stride", [1, 3])
@@ -209,8 +215,11 @@ def test_edges_without_depth_are_found_as_the_twin_does(stride: int) -> None:
     depth[20:40, 30:50] = 2.0
     index = np.flatnonzero(rng.random(depth.shape) < 0.2).astype(np.int32)
     chosen = np.empty(len(index), np.int32)
-    count = kernels.edges_without_depth(index, depth, stride, 8, 4, chosen)
-    expected = twins.edges_without_depth(index, depth, stride, 8, 4)
+    count, expected = both(
+        "edges_without_depth",
+        lambda: kernels.edges_without_depth(index, depth, stride, 8, 4, chosen),
+        lambda: twins.edges_without_depth(index, depth, stride, 8, 4),
+    )
     assert 0 < count < len(index[::stride])
     np.testing.assert_array_equal(chosen[:count], expected)
 
@@ -230,8 +239,11 @@ def test_rays_fit_at_their_own_depth_as_the_twin_says() -> None:
     nearness = np.array([0.0, 0.1, 0.2, 0.5])
     fits = np.empty((4, 300))
     criterion = Criterion(0.0, 640, 2.0, 45.0).compile()
-    kernels.fit_rays(index.grid, seen, gradients, PINHOLE, T, criterion, nearness, 1.0, fits)
-    assert fits.mean(axis=1).argmax() == 2
-    np.testing.assert_allclose(
-        fits, twins.fit_rays(index.edges, seen, gradients, PINHOLE, T, 2.0, 45.0, nearness, 1.0)
+    rays = (seen, gradients, PINHOLE, T)
+    _, expected = both(
+        "fit_rays",
+        lambda: kernels.fit_rays(index.grid, *rays, criterion, nearness, 1.0, fits),
+        lambda: twins.fit_rays(index.edges, *rays, 2.0, 45.0, nearness, 1.0),
     )
+    assert fits.mean(axis=1).argmax() == 2
+    np.testing.assert_allclose(fits, expected)

@@ -5,10 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from edvo import chamfer, se3
+from edvo import chamfer, kernels, se3
 from edvo.camera import Camera
 from edvo.chamfer import ChamferMap
 from edvo.edges import EdgePixels
+
+from . import twins
+from .test_kernels import both
 
 CAMERA = Camera(width=320, height=240, fx=260.0, fy=262.0, cx=158.5, cy=121.0)
 
@@ -77,19 +80,38 @@ def test_images_say_how_near_an_edge_of_like_direction_is(edges: EdgePixels) -> 
         assert abs(images[k, row, col] - expected) <= 255 * 0.05  # that of OpenCV errs by 5 %
 
 
-def test_the_score_is_the_mean_of_the_cells(edges: EdgePixels) -> None:
-    look = ChamferMap(edges, CAMERA)
+def test_the_score_is_that_of_the_twin(edges: EdgePixels) -> None:
+    problem = ChamferMap(edges, CAMERA)._problem(edges.every(3))
     T = se3.exp(np.array([0.02, -0.05, 0.1, 0.02, 0.03, -0.04]))
-    samples = edges.every(3)
-    images = chamfer.score_images(edges, CAMERA.width, CAMERA.height)
-    few = samples.every(max(len(samples) // chamfer.TRIED_EDGES, 1))
-    warped = few.points(CAMERA) @ T[:3, :3].T + T[:3, 3]
-    u = np.floor((warped[:, 0] / warped[:, 2] * CAMERA.fx + CAMERA.cx + 0.5) / 4).astype(int)
-    v = np.floor((warped[:, 1] / warped[:, 2] * CAMERA.fy + CAMERA.cy + 0.5) / 4).astype(int)
-    inside = (u >= 0) & (u < 80) & (v >= 0) & (v < 60)
-    total = images[chamfer.direction_of(few.gradients)[inside], v[inside], u[inside]].sum()
-    expected = total / max(inside.sum(), 0.5 * len(few))
-    assert look.score(samples, T) == pytest.approx(expected, abs=1.5)  # float32 moves a few
+    room = np.empty((2, len(problem.directions)), np.float32)
+    score, expected = both(
+        "chamfer_score",
+        lambda: kernels.chamfer_score(problem, T, *room),
+        lambda: twins.chamfer_score(problem, T),
+    )
+    assert score == pytest.approx(expected, abs=1.5)  # float32 moves a few to the next cell
+
+
+@pytest.mark.parametrize(("apart_deg", "apart_m"), [(3.0, 0.1), (8.0, 1e3), (0.0, 0.0)])
+def test_the_search_is_that_of_the_twin(
+    edges: EdgePixels, apart_deg: float, apart_m: float
+) -> None:
+    problem = ChamferMap(edges, CAMERA)._problem(edges.every(2))
+    rng = np.random.default_rng(5)
+    starts = np.array([se3.exp(rng.normal(0, 0.15, 6)) for _ in range(30)])
+    room = np.empty((2, len(problem.directions)), np.float32)
+    found, scores = np.empty((5, 4, 4)), np.empty(5)
+    rules = (1 + 2 * math.cos(math.radians(apart_deg)), apart_m, 0.1, 0.02, 3, 2)
+    count, (poses, expected) = both(
+        "chamfer_search",
+        lambda: kernels.chamfer_search(problem, starts, *rules, found, scores),
+        lambda: twins.chamfer_search(
+            lambda T: kernels.chamfer_score(problem, T, *room), starts, *rules, 5
+        ),
+    )
+    assert count == len(poses) > 1
+    np.testing.assert_allclose(found[:count], poses, atol=1e-9)
+    np.testing.assert_allclose(scores[:count], expected)
 
 
 def test_at_home_all_edges_fall_on_edges(edges: EdgePixels) -> None:

@@ -480,3 +480,39 @@ def fit_rays(edges, rays, gradients, camera, T, near_px, angle_deg, inverse_dept
         r = ((at - pixels[best]) * normals[best]).sum(axis=1)
         row[found] = np.maximum(1 - (r[found] / fits_px) ** 2, 0)
     return fits
+
+
+# ------------------------------------------------------------------------------------- chamfer
+
+
+def chamfer_score(chamfer, T):
+    """Mean score of the cells that the points fall into, in double precision."""
+    Y = chamfer.points.T.astype(np.float64) @ T[:3, :3].T + T[:3, 3]
+    ahead = Y[:, 2] > kernels.MIN_DEPTH
+    u, v = np.floor((_project(chamfer.camera, Y[ahead]) + 0.5) / chamfer.cell).astype(int).T
+    _, rows, cols = chamfer.images.shape
+    inside = (u >= 0) & (v >= 0) & (u < cols) & (v < rows)
+    scores = chamfer.images[chamfer.directions[ahead][inside], v[inside], u[inside]]
+    return scores.sum() / max(inside.sum(), chamfer.least)
+
+
+def chamfer_search(score, starts, most_trace, apart_m, step_m, step_rad, halvings, rounds, count):
+    """The best starts that are apart, climbed from; poses and scores. ``score`` judges a pose."""
+    found = []
+    for s in np.argsort([-score(T) for T in starts], kind="stable"):
+        near = [
+            np.trace(starts[s][:3, :3].T @ T[:3, :3]) > most_trace
+            and np.linalg.norm(starts[s][:3, 3] - T[:3, 3]) < apart_m
+            for T in found
+        ]
+        if len(found) < count and not any(near):
+            found.append(starts[s])
+    sizes = np.repeat([step_m, step_rad], 3)
+    for k, T in enumerate(found):
+        for halving in range(halvings):
+            steps = [se3.exp(sign * row) for row in np.diag(sizes) / 2**halving for sign in (-1, 1)]
+            for _ in range(rounds):
+                ways = [T, *(T @ step for step in steps)]
+                T = ways[int(np.argmax([score(way) for way in ways]))]
+        found[k] = T
+    return found, [score(T) for T in found]

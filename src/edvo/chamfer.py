@@ -24,14 +24,14 @@ DIRECTIONS = 8  # over a full turn: an edge from dark to bright is none from bri
 REACH_CELLS = 6.0  # an edge so far away is none
 STEP_DEG = 3.0  # of the turns that are tried first; half the reach of an edge, or less
 ROLL_DEG = 5.0  # one roll to either side; edges of the next direction count, too
-TRIED_EDGES = 250  # a pose is judged by so many, at least
-IN_VIEW = 0.5  # of them, of which those in view count at least
-CLIMBED = 8  # of the best turns
-APART_DEG = 3.0  # which are that far from each other
-CLIMB_M, CLIMB_DEG = 0.1, 1.5  # the first steps of a climb
-ANYWHERE = 1e3  # m
-LONGEST_M = 0.4  # of the ways that are tried
-HALVINGS, ROUNDS = 3, 2  # of the steps; with so many of each length at most
+TRIED_EDGES = 250  # a pose is judged by so many edges, at least
+IN_VIEW = 0.5  # share of these that counts as being in view, at least
+LONGEST_M = 0.4  # no longer way is tried
+CLIMBED = 8  # poses that are climbed from
+APART_DEG = 3.0  # between them, or a way that moves the image as far
+ANYWHERE = 1e3  # m; a bound that leaves poses to be told apart by their turns alone
+CLIMB_M, CLIMB_DEG = 0.1, 1.5  # first steps of a climb
+HALVINGS, ROUNDS = 3, 2  # lengths of step, each half the last; steps of each length, at most
 
 
 class Guess(NamedTuple):
@@ -86,7 +86,7 @@ class ChamferMap:
         reach_deg : float
             How far it may have turned by yaw, and half as far by pitch.
         count : int
-            How many poses at most.
+            How many poses at most; no more than ``CLIMBED`` are found.
         carried : bool
             Whether ways that move the image as far are tried, too.
 
@@ -119,7 +119,7 @@ class ChamferMap:
         Returns
         -------
         list of Guess
-            The likeliest first.
+            At most ``CLIMBED``, the likeliest first.
         """
         return self._climb(samples, T_ref_starts, min(CLIMBED, len(T_ref_starts)), 0.0, 0.0)
 

@@ -260,8 +260,8 @@ class KeyframesConfig(Section):
     early_share: Fraction = Field(
         default=1.0,
         description="rule motion: past this share of the two bounds a frame is taken already if "
-        "its covariance is smaller than the mean of the last half second; 1: not before the "
-        "bounds. Not in the paper",
+        "its covariance (status.covariance) is smaller than the mean of the last half second; 1: "
+        "not before the bounds. Not in the paper",
     )
     stored: Annotated[int, Field(ge=0)] = Field(
         default=30,

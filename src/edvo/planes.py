@@ -32,6 +32,13 @@ class PlaneFitter:
     camera : Camera
         Of the depth images; if its lens distorts, planes are fitted in ideal pixels.
     config : PlanesConfig
+
+    Attributes
+    ----------
+    term : DepthTerm
+        What points and planes count in a registration.
+    point_step_px : int
+        A frame has a point at every such pixel.
     """
 
     def __init__(self, camera: Camera, config: PlanesConfig) -> None:

@@ -119,7 +119,16 @@ class Witness:
     def remember(
         self, timestamp: float, T_world_cam: NDArray[np.float64], surface: Surface
     ) -> None:
-        """Take a surface to hold later ones against."""
+        """Take a surface to hold later ones against.
+
+        Parameters
+        ----------
+        timestamp : float
+            Seconds.
+        T_world_cam : ndarray of float64, shape (4, 4)
+            Where it was seen from.
+        surface : Surface
+        """
         self._seen.append((timestamp, T_world_cam, surface))
 
     def question(
