@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edvo import kernels, robust, se3
+from edvo import kernels, robust, se3, uncertainty
 from edvo.camera import Camera
 from edvo.config import EdgesConfig, MatchingConfig, RegistrationConfig
 from edvo.edges import EdgePixels, extract_edges
@@ -154,6 +154,32 @@ def test_draw_samples_of_no_edges():
     none, depth = np.empty(0, np.int32), np.ones((48, 64), np.float32)
     buffers = np.empty(5, np.int32), np.empty(5, np.float32)
     assert kernels.draw_samples(none, depth, 16, 5, 5, 2, 0.05, 0, *buffers) == 0
+
+
+def test_back_project(rng):
+    edges, camera = problems.random_edges(rng, 300), problems.CAMERA
+    depths = rng.uniform(0, 5, 300).astype(np.float32)
+    points, lens = np.empty((300, 3)), (camera.fx, camera.fy, camera.cx, camera.cy)
+    _, expected = both(
+        "back_project",
+        lambda: kernels.back_project(edges.pixels, depths, *lens, points),
+        lambda: camera.backproject(edges.pixels, depths),
+    )
+    np.testing.assert_allclose(points, expected, rtol=1e-6, atol=1e-6)
+
+
+# --------------------------------------------------------------------------------------- planes
+
+
+def test_pack_points(rng):
+    offsets = rng.uniform(-1, 1, 200)
+    normals, centres, sigma = rng.normal(size=(200, 3)), rng.normal(size=(200, 3)), rng.random(200)
+    wanted = offsets > 0
+    expected = normals[wanted], centres[wanted], sigma[wanted]
+    count = kernels.pack_points(offsets, normals, centres, sigma)
+    assert count == wanted.sum()
+    for packed, whole in zip((normals, centres, sigma), expected, strict=True):
+        np.testing.assert_array_equal(packed[:count], whole)
 
 
 # ------------------------------------------------------------------------------------- matching
@@ -349,6 +375,35 @@ def test_solve_damped_refuses_what_is_singular(rng):
     assert not kernels.solve_damped(J.T @ J, rng.normal(size=6), 0.0, step)
     assert not kernels.solve_damped(np.zeros((6, 6)), np.ones(6), 1e-4, step)
     assert not kernels.solve_damped(np.full((6, 6), np.nan), np.ones(6), 1e-4, step)
+
+
+def test_the_parts_of_a_covariance(rng):
+    """The twin is `uncertainty.combine` of what `without_blur` takes for known."""
+    scale = np.array([1, 1, 1, 100, 100, 1e-2])  # directions as unlike as in practice
+    J, D = (rng.normal(size=(40, 6)) * scale for _ in range(2))
+    H, blur = J.T @ J, 0.1 * D.T @ D
+    parts = np.array([(A := rng.normal(size=(9, 6)) * scale).T @ A for _ in range(4)])
+    shares, C = np.array(uncertainty.SHARES), np.empty((6, 6))
+    good, expected = both(
+        "combine_parts",
+        lambda: kernels.combine_parts(
+            H, blur, parts, uncertainty.DOUBT, shares, 0.7**4, uncertainty.PRIOR, C
+        ),
+        lambda: uncertainty.combine(uncertainty.without_blur(H, blur), parts, 0.7),
+    )
+    assert good
+    unit = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(C / np.outer(unit, unit), expected / np.outer(unit, unit), atol=1e-9)
+    np.testing.assert_array_equal(C, C.T)
+
+
+def test_a_covariance_of_what_is_not_all_known_is_left_to_numpy(rng):
+    J = rng.normal(size=(40, 6))
+    C = np.full((6, 6), 7.0)
+    arguments = np.ones((4, 6, 6)), 1.2, np.ones(4), 1.0, np.ones(6), C
+    assert not kernels.combine_parts(J.T @ J, 50 * np.eye(6), *arguments)
+    assert not kernels.combine_parts(np.full((6, 6), np.nan), np.eye(6), *arguments)
+    assert (C == 7).all()
 
 
 def pinhole(camera):

@@ -74,10 +74,9 @@ class EdgePixels:
             Metres.
         """
         points = np.empty((len(self.depths), 3))
-        z = self.depths
-        points[:, 0] = (self.pixels[:, 0] - camera.cx) / camera.fx * z
-        points[:, 1] = (self.pixels[:, 1] - camera.cy) / camera.fy * z
-        points[:, 2] = z
+        kernels.back_project(
+            self.pixels, self.depths, camera.fx, camera.fy, camera.cx, camera.cy, points
+        )
         return points
 
 

@@ -308,6 +308,19 @@ def describe_edges(
 
 
 @compiled
+def back_project(
+    pixels: F32, depths: F32, fx: float, fy: float, cx: float, cy: float, points: F64
+) -> None:
+    """Write the point at each pixel's depth, pi^-1 of Eq. (1), as exact as a float32 is."""
+    wide, high = np.float32(fx), np.float32(fy)
+    u0, v0 = np.float32(cx), np.float32(cy)
+    for i in range(depths.size):
+        points[i, 0] = (pixels[i, 0] - u0) / wide * depths[i]
+        points[i, 1] = (pixels[i, 1] - v0) / high * depths[i]
+        points[i, 2] = depths[i]
+
+
+@compiled
 def summarise_view(
     index: I32, dx: NDArray[np.int16], dy: NDArray[np.int16], rows: int, cols: int, view: F64
 ) -> None:
@@ -470,6 +483,20 @@ def fit_planes(
         centres[k, 0] = (cu - camera.cx) / camera.fx / w
         centres[k, 1] = (cv - camera.cy) / camera.fy / w
         centres[k, 2] = 1 / w
+
+
+@compiled
+def pack_points(offsets: F64, normals: F64, centres: F64, sigma: F64) -> int:
+    """Move what belongs to planes to the front, in order; returns how many there are."""
+    count = 0
+    for k in range(offsets.size):
+        if offsets[k] > 0:
+            sigma[count] = sigma[k]
+            for i in range(3):
+                normals[count, i] = normals[k, i]
+                centres[count, i] = centres[k, i]
+            count += 1
+    return count
 
 
 @compiled
@@ -1023,31 +1050,52 @@ def product(A: F64, B: F64) -> F64:
 
 
 @compiled
-def solve_damped(H: F64, b: F64, damping: float, step: F64) -> bool:
-    """Solve (H + damping diag H) step = -b, Eq. (14), by Cholesky; False where singular."""
-    n = b.size
-    L = np.zeros((n, n))
-    for i in range(n):
+def factorize(A: F64, damping: float, L: F64) -> bool:
+    """Write the Cholesky factor of A + damping diag A, where that is positive definite."""
+    for i in range(A.shape[0]):
         for j in range(i + 1):
-            value = H[i, j] * (1 + damping) if i == j else H[i, j]
+            value = A[i, j] * (1 + damping) if i == j else A[i, j]
             for k in range(j):
                 value -= L[i, k] * L[j, k]
             if i == j:
-                if not value > PIVOT * H[i, i]:
+                if not value > PIVOT * A[i, i]:
                     return False
                 L[i, i] = np.sqrt(value)
             else:
                 L[i, j] = value / L[j, j]
-    for i in range(n):
-        value = -b[i]
+    return True
+
+
+@compiled
+def solve_lower(L: F64, x: F64) -> None:
+    """Solve L y = x in place."""
+    for i in range(x.size):
+        value = x[i]
         for k in range(i):
-            value -= L[i, k] * step[k]
-        step[i] = value / L[i, i]
-    for i in range(n - 1, -1, -1):
-        value = step[i]
-        for k in range(i + 1, n):
-            value -= L[k, i] * step[k]
-        step[i] = value / L[i, i]
+            value -= L[i, k] * x[k]
+        x[i] = value / L[i, i]
+
+
+@compiled
+def solve_upper(L: F64, x: F64) -> None:
+    """Solve L^T y = x in place."""
+    for i in range(x.size - 1, -1, -1):
+        value = x[i]
+        for k in range(i + 1, x.size):
+            value -= L[k, i] * x[k]
+        x[i] = value / L[i, i]
+
+
+@compiled
+def solve_damped(H: F64, b: F64, damping: float, step: F64) -> bool:
+    """Solve (H + damping diag H) step = -b, Eq. (14), by Cholesky; False where singular."""
+    L = np.empty(H.shape)
+    if not factorize(H, damping, L):
+        return False
+    for i in range(b.size):
+        step[i] = -b[i]
+    solve_lower(L, step)
+    solve_upper(L, step)
     return True
 
 
@@ -1236,12 +1284,10 @@ def new_matches(n: int) -> Matches:
 
 @compiled
 def copy_matches(source: Matches, target: Matches) -> None:
-    """Overwrite the state of one set of matches by another's."""
+    """Overwrite the matches of one set by another's; where that puts them is left to the warp."""
     target.edge[:] = source.edge
     target.query[:] = source.query
     target.bound[:] = source.bound
-    target.Y[:] = source.Y
-    target.normal[:] = source.normal
 
 
 @compiled
@@ -1665,6 +1711,8 @@ def score_parts(
         aw = -(au * px + av * py) / pz
         write_row(au, av, aw, px, py, pz, J)
         w = robust_weight(r * r * inverse, solver.weight, solver.tuning)
+        if w == 0:
+            continue
         gu = cosine * gradients[i, 0] - sine * gradients[i, 1]
         gv = sine * gradients[i, 0] + cosine * gradients[i, 1]
         side = 1.0 if gu * nu + gv * nv >= 0 else -1.0
@@ -1693,6 +1741,8 @@ def score_parts(
             au, av, aw = matches.normal[i, 0], matches.normal[i, 1], matches.normal[i, 2]
             write_row(au, av, aw, px, py, pz, J)
             w = scale * robust_weight(r * r * inverse, TUKEY, TUKEY_TUNING)
+            if w == 0:
+                continue
             k = matches.point[i]
             x, y, z = surface.normals[k, 0], surface.normals[k, 1], surface.normals[k, 2]
             size = np.sqrt(au * au + av * av + aw * aw)
@@ -1717,6 +1767,44 @@ def score_parts(
     mirror_lower(blur)
     for part in range(4):
         mirror_lower(parts[part])
+
+
+@compiled
+def combine_parts(
+    H: F64, blur: F64, parts: F64, doubt: float, shares: F64, floor: float, prior: F64, C: F64
+) -> bool:
+    """Write (K S^-1 K + diag prior)^-1, with K = H - doubt blur and S = sum shares parts + floor.
+
+    False where K is not positive definite: nothing is written then.
+    """
+    n = H.shape[0]
+    L, K, S = np.empty((n, n)), np.empty((n, n)), np.zeros((n, n))
+    for i in range(n):
+        for j in range(n):
+            K[i, j] = H[i, j] - doubt * blur[i, j]
+            for part in range(shares.size):
+                S[i, j] += shares[part] * parts[part, i, j]
+        S[i, i] += floor
+    if not factorize(K, 0.0, L) or not factorize(S, 0.0, L):
+        return False
+    for i in range(n):
+        solve_lower(L, K[i])  # a row of K is a column, too: now K holds (L^-1 K)^T
+    for i in range(n):
+        for j in range(n):
+            S[i, j] = prior[i] if i == j else 0.0
+            for k in range(n):
+                S[i, j] += K[i, k] * K[j, k]
+    if not factorize(S, 0.0, L):
+        return False
+    for i in range(n):
+        C[i] = 0
+        C[i, i] = 1
+        solve_lower(L, C[i])
+        solve_upper(L, C[i])
+    for i in range(n):
+        for j in range(i):
+            C[i, j] = C[j, i] = 0.5 * (C[i, j] + C[j, i])
+    return True
 
 
 # -------------------------------------------------------------------------------------- witness

@@ -100,8 +100,8 @@ class PlaneFitter:
         if not self.is_on:
             return NO_POINTS
         normals, offsets, centres, sigma = self._fit(depth, self._point_nodes)
-        flat = np.flatnonzero(offsets > 0)  # faster to take by than the mask itself
-        return PlanePoints(centres.take(flat, axis=0), normals.take(flat, axis=0), sigma[flat])
+        count = kernels.pack_points(offsets, normals, centres, sigma)
+        return PlanePoints(centres[:count], normals[:count], sigma[:count])
 
     def _fit(self, depth: NDArray[np.float32], nodes: "_Nodes") -> tuple[NDArray[np.float64], ...]:
         """Normals, offsets, centres and noise, one for each node."""

@@ -42,6 +42,7 @@ class Shares(NamedTuple):
 
 
 SHARES = Shares(edges=9.3, planes=2.9, depth=1.0, tension=3.1)
+_SHARES = np.array(SHARES)
 
 
 class Uncertainty:
@@ -135,7 +136,10 @@ class Uncertainty:
             See `combine`.
         """
         H, blur, parts = self.parts(reference, samples, planes, points, term, alignment)
-        return combine(without_blur(H, blur), parts, _scale(alignment))
+        sigma, C = _scale(alignment), np.empty((6, 6))
+        if kernels.combine_parts(H, blur, parts, DOUBT, _SHARES, sigma**4, PRIOR, C):
+            return C
+        return combine(without_blur(H, blur), parts, sigma)
 
 
 def _scale(alignment: Alignment) -> float:
@@ -247,10 +251,9 @@ def degenerate_directions(covariance: NDArray[np.float64]) -> NDArray[np.float64
         or 1.2 degrees (a 90 % interval of 5 cm or 2 degrees): translations first, then rotations,
         then what is both; along the camera's axes as far as can be.
     """
-    scaled = covariance / np.outer(_BOUNDS, _BOUNDS)
-    if np.trace(scaled) < 1:  # as then is each eigenvalue, of which none is negative
+    if covariance.diagonal() @ _BOUNDS**-2 < 1:  # as then is each eigenvalue; none is negative
         return np.empty((0, 6))
-    values, vectors = np.linalg.eigh(scaled)
+    values, vectors = np.linalg.eigh(covariance / np.outer(_BOUNDS, _BOUNDS))
     loose = vectors[:, values > 1]
     if not loose.size:
         return np.empty((0, 6))
