@@ -593,8 +593,8 @@ def test_shared_factor(rng, name):
     pixels = edges.pixels * np.float32(1.02) - np.float32(5)  # ideal ones may lie outside
     index = rng.integers(-1, 2000, 1500).astype(np.int32)
     residuals = np.where(index >= 0, rng.standard_t(3, 1500) * 0.2, np.nan)
-    this = solver(RegistrationConfig(weight=name))
-    arguments = (pixels, edges.gradients, index, residuals, this, 0.2, 40.0, 12, 16)
+    robustly = robust.WEIGHTS[name], robust.TUNING.get(name, 2.0)
+    arguments = (pixels, edges.gradients, index, residuals, *robustly, 0.2, 40.0, 12, 16)
     value, expected = both(
         "shared_factor",
         lambda: kernels.shared_factor(*arguments),

@@ -323,11 +323,11 @@ def align(edges, points, gradients, camera, T, robust_criterion, normal_criterio
 # -------------------------------------------------------------------------------- shared errors
 
 
-def shared_factor(edges, normals, index, residuals, solver, sigma, cell, rows, cols):
+def shared_factor(edges, normals, index, residuals, weight, tuning, sigma, cell, rows, cols):
     """Sum of |s_c|^2 over that of (w r)^2, s_c the sum of w r n over a cell; NaN: too few."""
     given = index >= 0
     r, k = residuals[given], index[given]
-    w = robust.weights(r / sigma, NAMES[solver.weight], solver.tuning)
+    w = robust.weights(r / sigma, NAMES[weight], tuning)
     r, k, w = r[w > 0], k[w > 0], w[w > 0]
     cells = np.clip(edges[k].astype(float) // cell, 0, (cols - 1, rows - 1))
     _, cell_of, counts = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
