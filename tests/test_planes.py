@@ -23,6 +23,7 @@ BENT = Camera(
     distortion=(0.1, -0.2, 1e-3, -2e-3, 0.05),
 )
 PLANE = np.array([0.3, -0.2, 0.93])
+FIXED = "planes.edge_doubt_rule=fixed"
 
 
 def depth_of(camera, normal, offset):
@@ -273,8 +274,9 @@ def test_depth_steadies_what_edges_leave_open(panels):
     both, tracked = last_error(*panels, Config())
     assert both < 0.9 * alone
     assert both < 0.0005
+    assert tracked[-1].alignment.plane_points > 300
+    _, tracked = last_error(*panels, Config().with_overrides([FIXED]))
     found = tracked[-1].alignment
-    assert found.plane_points > 300
     assert 0.1 < found.sigma_depth < 1.0
     limits = Config().planes
     edges_doubt = (limits.edge_doubt_px / found.sigma_px) ** 2
@@ -312,7 +314,7 @@ def test_the_more_its_residuals_exceed_the_noise_the_less_depth_counts(panels):
             wave = 1 + size * np.sin(u / 60.0 + k) * np.sin(v / 60.0 + 2 * k)
             depth = (frame.depth * wave).astype(np.float32)
             bent.append(type(frame)(frame.timestamp, frame.grey, depth))
-        odometry = Odometry(source.camera, Config())
+        odometry = Odometry(source.camera, Config().with_overrides([FIXED]))
         balance.append([odometry.track(frame) for frame in bent][-1].alignment.depth_balance)
     assert balance[0] > 1.3 * balance[1] > 1.3**2 * balance[2]
 

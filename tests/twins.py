@@ -320,6 +320,24 @@ def align(edges, points, gradients, camera, T, robust_criterion, normal_criterio
     return T, iterations, now
 
 
+# -------------------------------------------------------------------------------- shared errors
+
+
+def shared_factor(edges, normals, index, residuals, weight, tuning, sigma, cell, rows, cols):
+    """Sum of |s_c|^2 over that of (w r)^2, s_c the sum of w r n over a cell; NaN: too few."""
+    given = index >= 0
+    r, k = residuals[given], index[given]
+    w = robust.weights(r / sigma, NAMES[weight], tuning)
+    r, k, w = r[w > 0], k[w > 0], w[w > 0]
+    cells = np.clip(edges[k].astype(float) // cell, 0, (cols - 1, rows - 1))
+    _, cell_of, counts = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
+    sums = np.zeros((len(counts), 2))
+    np.add.at(sums, cell_of.ravel(), (w * r)[:, None] * normals[k])
+    if (counts**2).sum() < 2 * len(k) or not (w * r).any():
+        return np.nan
+    return (sums**2).sum() / ((w * r) ** 2).sum()
+
+
 # -------------------------------------------------------------------------------------- witness
 
 

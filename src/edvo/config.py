@@ -198,8 +198,13 @@ class PlanesConfig(Section):
     )
     edge_doubt_px: Annotated[float, Field(ge=0)] = Field(
         default=0.4,
-        description="what edges err by together, which their scatter does not show: depth counts "
-        "as if they scattered by this much more",
+        description="what edges err by together, at most, which their scatter does not show: depth "
+        "counts as if they scattered by this much more",
+    )
+    edge_doubt_rule: Literal["measured", "fixed"] = Field(
+        default="measured",
+        description="by less where residuals of one cell of the image do not push the same way, "
+        "frame after frame; or always by that much",
     )
     doubt: Positive = Field(
         default=1.5,
@@ -522,7 +527,7 @@ PRESETS: dict[str, dict[str, Any]] = {
     "default": {},
     "paper": {
         "edges": {"strong_share": 0.0, "position": "pixel"},
-        "planes": {"weight": 0.0, "alone_share": 0.0},
+        "planes": {"weight": 0.0, "alone_share": 0.0, "edge_doubt_rule": "fixed"},
         "motion": {"search_deg": 0.0, "prior_stride": 4},
         "keyframes": {"stored": 0},
         "sampling": {"count": 450},

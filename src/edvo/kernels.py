@@ -1807,6 +1807,55 @@ def combine_parts(
     return True
 
 
+@compiled
+def shared_factor(
+    edges: F32,
+    normals: F32,
+    index: I32,
+    residuals: F64,
+    weight: int,
+    tuning: float,
+    sigma: float,
+    cell: float,
+    rows: int,
+    cols: int,
+) -> float:
+    """By what factor errors that are shared within a cell add to the variance of sums over it.
+
+    ``index`` are the matches among ``edges`` and their ``normals``, ``residuals`` their distances.
+    With s_c the sum of w r n over cell c, that is the sum of |s_c|^2 over that of (w r)^2: 1 where
+    residuals are independent of one another, and the number in a cell where they are all the
+    same. NaN where there are too few to a cell to tell: less than one pair an edge.
+    """
+    sums = np.zeros((rows * cols, 3))
+    inverse, per_px = 1 / (sigma * sigma), 1 / cell
+    squares, count = 0.0, 0.0
+    for i in range(index.size):
+        k = index[i]
+        if k < 0:
+            continue
+        w = robust_weight(residuals[i] * residuals[i] * inverse, weight, tuning)
+        if w <= 0:
+            continue
+        push = w * residuals[i]
+        # an ideal pixel may lie outside the image
+        row = min(max(int(edges[k, 1] * per_px), 0), rows - 1)
+        col = min(max(int(edges[k, 0] * per_px), 0), cols - 1)
+        c = row * cols + col
+        sums[c, 0] += push * normals[k, 0]
+        sums[c, 1] += push * normals[k, 1]
+        sums[c, 2] += 1
+        squares += push * push
+        count += 1
+    shared, pairs = 0.0, -count
+    for c in range(rows * cols):
+        shared += sums[c, 0] * sums[c, 0] + sums[c, 1] * sums[c, 1]
+        pairs += sums[c, 2] * sums[c, 2]
+    if pairs < count or squares == 0:
+        return np.nan
+    return shared / squares
+
+
 # -------------------------------------------------------------------------------------- witness
 
 

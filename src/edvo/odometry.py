@@ -23,6 +23,7 @@ from edvo.planes import PlaneFitter
 from edvo.registration import Alignment, Registration
 from edvo.sampling import sample_edges
 from edvo.search import Search, Seen
+from edvo.sharing import SharedErrors
 from edvo.status import Judge, Status
 from edvo.trajectory import Trajectory
 from edvo.uncertainty import Uncertainty, degenerate_directions, describe, in_current_camera
@@ -151,6 +152,7 @@ class Odometry:
         )
         self._fitter = PlaneFitter(camera, self.config.planes)
         self._uncertainty = Uncertainty(camera, self.config, self._registration.solver)
+        self._shared = SharedErrors(camera, self.config.planes, self._registration.solver)
         self._depth_alone = DepthAlone(camera, self.config, self._fitter.term, self._uncertainty)
         self._witness = Witness(camera, self.config.planes.sensor)
         self._background = Background(camera, self._registration, self._fitter)
@@ -192,6 +194,7 @@ class Odometry:
         self._search = Search(
             self.camera, self.config, self._registration, self._fitter, self._judge
         )
+        self._shared.forget()
         self._witness.forget()
         self._background.forget()
         self._moving_time = -math.inf  # when something was last seen to move by itself
@@ -300,8 +303,9 @@ class Odometry:
         key, timestamp = self._keyframe, seen.frame.timestamp
         with self._clock("registration"):
             starts = self._starts(timestamp, seen)
+            term = self._shared.term(self._fitter.term)
             alignment = self._registration.align(
-                key.edges, seen.samples, starts, key.planes, seen.points, self._fitter.term
+                key.edges, seen.samples, starts, key.planes, seen.points, term
             )
         status, reason = self._assess(alignment, timestamp)
         far = self._is_far_step(timestamp)
@@ -549,6 +553,7 @@ class Odometry:
         self._sure = status is Status.TRACKED
         if self._sure:
             self._judge.note(alignment)
+            self._shared.note(keyframe.edges.edges, alignment, period)
             self._cruise += (self._velocity - self._cruise) * min(period / CRUISE_S, 1.0)
         self._T_world_last = keyframe.T_world_key @ T_key_cur
         covariance: NDArray[np.float64] | None = None

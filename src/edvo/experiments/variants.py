@@ -33,6 +33,10 @@ VARIANTS = (
     Variant("edges: between pixels", ("edges.position=vertex",)),
     Variant("planes: none", ("planes.weight=0",)),
     Variant("planes: beside the edges", ("planes.weight=1",)),
+    Variant(
+        "planes: edges doubted by 0.4 px always",
+        ("planes.weight=1", "planes.edge_doubt_rule=fixed"),
+    ),
     Variant("planes: edges not doubted", ("planes.weight=1", "planes.edge_doubt_px=0")),
     Variant(
         "planes: at full weight whatever the residuals", ("planes.weight=1", "planes.doubt=1e6")
