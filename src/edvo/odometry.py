@@ -45,6 +45,9 @@ MOVED, ASTRAY = "something moved less than a second ago", "found again, lost fro
 FAR_STEP = "a far step: of what both see enough fits, and nothing else does"
 NOT_ALONE = "a far step, and beside where it led the edges fit as well"
 STEPPED = "a far step less than a second ago"
+# Motion alone does not change a view so much in so short a time: light does, or a hand that comes.
+JUST_NOW_S = 0.1
+CHANGED = "less than a second ago the view had changed at once"
 FREEZE_S = 0.3  # for so long images may repeat: a recorder wrote one twice
 HARDLY_ANY = 5  # times the fewest edges that can be registered: too few to doubt depth by
 NOWHERE = "lost; looks like no place seen before"
@@ -260,6 +263,8 @@ class Odometry:
                     status, reason = self._question(seen, alignment, Status.DEGRADED, MOVED)
         if status is Status.LOST:
             return self._lose_sight(seen, reason, alignment)
+        if status is Status.DEGRADED and still is None:
+            self._mind_change(alignment, frame.timestamp)
         return self._accept(seen, status, reason, alignment, still)
 
     def skip(self, timestamp: float, reason: str) -> TrackedFrame:
@@ -724,6 +729,13 @@ class Odometry:
             status = Status.DEGRADED
         self._witness.remember(timestamp, T_world_cam, surface)
         return status, reason
+
+    def _mind_change(self, alignment: Alignment, timestamp: float) -> None:
+        """Doubt what follows a frame that fits poorly what was seen just now."""
+        assert self._keyframe is not None
+        age = timestamp - self._keyframe.timestamp
+        if 0 <= age < JUST_NOW_S and self._judge.fits_poorly(alignment):
+            self._doubt_time, self._doubt = timestamp, CHANGED
 
     def _is_doubtful(self, timestamp: float) -> bool:
         """Whether something of late makes a pose no better than the way that led to it."""

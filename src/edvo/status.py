@@ -129,6 +129,23 @@ class Judge:
             return f"implausible jump: {speed:.1f} m/s, {turn:.0f} deg/s"
         return ""
 
+    def fits_poorly(self, alignment: Alignment) -> bool:
+        """Whether so few samples fit that a pose is in doubt.
+
+        Parameters
+        ----------
+        alignment : Alignment
+
+        Returns
+        -------
+        bool
+        """
+        status, samples = self._status, len(alignment.matches)
+        return (
+            alignment.inliers < status.doubt_inliers * samples
+            or alignment.agreeing < status.doubt_agreeing * samples
+        )
+
     def is_sure(self, alignment: Alignment, *, seen_only: bool = False) -> bool:
         """Whether a registration is good enough to say where the camera is from nothing.
 
