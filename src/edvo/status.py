@@ -3,7 +3,10 @@
 import enum
 import math
 
-from edvo import kernels
+import numpy as np
+from numpy.typing import NDArray
+
+from edvo import kernels, se3
 from edvo.config import Config
 from edvo.planes import PlaneMap, PlanePoints
 from edvo.registration import REASONS, Alignment
@@ -168,6 +171,24 @@ class Judge:
             and alignment.agreeing >= status.doubt_agreeing * samples
             and not (alignment.depth_balance and alignment.sigma_depth > status.max_depth_sigma)
         )
+
+
+def speed_of(T: NDArray[np.float64], seconds: float) -> tuple[float, float]:
+    """Say how fast a motion is.
+
+    Parameters
+    ----------
+    T : ndarray of float64, shape (4, 4)
+    seconds : float
+        That it took.
+
+    Returns
+    -------
+    (float, float)
+        Metres and degrees a second.
+    """
+    distance = math.hypot(*T[:3, 3].tolist())
+    return distance / seconds, math.degrees(se3.rotation_angle(T)) / seconds
 
 
 def agreement(alignment: Alignment, planes: PlaneMap, points: PlanePoints) -> float:
