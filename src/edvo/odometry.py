@@ -27,7 +27,7 @@ from edvo.search import Search, Seen
 from edvo.status import Judge, Status, speed_of
 from edvo.trajectory import Trajectory
 from edvo.uncertainty import Uncertainty, degenerate_directions, describe, in_current_camera
-from edvo.witness import Witness
+from edvo.witness import Surface, Witness
 
 __all__ = ["Odometry", "StageClock", "Status", "TrackedFrame"]
 
@@ -270,6 +270,10 @@ class Odometry:
             alignment, status, reason = self._locate(seen)
         else:
             alignment, status, reason = still.alignment, Status.DEGRADED, MOVED
+        if status is Status.LOST and still is None:
+            still = self._stand_out(seen)
+            if still is not None:
+                alignment, status, reason = still.alignment, Status.DEGRADED, MOVED
         if status is Status.LOST:
             found = self._recover(seen) if self._piece else None  # it may be where it was before
             return found or self._give_up(seen, reason, alignment)
@@ -382,9 +386,23 @@ class Odometry:
         status, _ = self._assess(still.alignment, seen.frame.timestamp)
         return None if status is Status.LOST else still
 
+    def _stand_out(self, seen: Seen) -> Still | None:
+        """Of a frame that fits as a whole nowhere, what stands still, if the rest moves past it."""
+        timestamp, limits = seen.frame.timestamp, self.config.status
+        if not self._leaves_out or self._period(timestamp) > LONGEST_PREDICTION_S:
+            return None
+        still = self._stand_still(seen)
+        if still is None:
+            return None
+        with self._clock("witness"):
+            conflict = self._conflict(seen, still.alignment)[0]
+        return still if limits.max_conflict < conflict <= limits.lost_conflict else None
+
     def _go_back(self, seen: Seen) -> Still | None:
         """Register again what stands still, from where the camera was before anything moved."""
         since = seen.frame.timestamp - YOUNG_S
+        if not self._background.reaches(since):
+            return None  # in a moment it will
         self._background.forget(since)
         self._witness.forget(since)
         return self._stand_still(seen)
@@ -628,6 +646,9 @@ class Odometry:
         self._set_keyframe(seen)
         self._last_time = timestamp = seen.frame.timestamp
         self._remember(seen)
+        if self.config.status.max_conflict:
+            surface = self._witness.surface(seen.frame.depth)
+            self._witness.remember(timestamp, self._T_world_last, surface)
         return self._keep(timestamp, Status.TRACKED, "", np.eye(4), -1, is_keyframe=True, seen=seen)
 
     def _accept(
@@ -823,13 +844,9 @@ class Odometry:
         self, seen: Seen, alignment: Alignment, status: Status, reason: str
     ) -> tuple[Status, str]:
         """Hold a pose against the depth of a moment ago: what was empty cannot be filled."""
-        assert self._keyframe is not None
         timestamp, limits = seen.frame.timestamp, self.config.status
-        T_world_cam = self._keyframe.T_world_key @ alignment.T_ref_cur
         with self._clock("witness"):
-            self._witness.forget(timestamp)  # what it was told of this frame by another pose
-            surface = self._witness.surface(seen.frame.depth)
-            conflict = self._witness.question(timestamp, T_world_cam, surface)
+            conflict, T_world_cam, surface = self._conflict(seen, alignment)
         if conflict > limits.max_conflict:
             self._doubt_time, self._doubt = timestamp, MOVED
             self._moving_time = timestamp
@@ -846,6 +863,17 @@ class Odometry:
         age = timestamp - self._keyframe.timestamp
         if 0 <= age < JUST_NOW_S and self._judge.fits_poorly(alignment):
             self._doubt_time, self._doubt = timestamp, CHANGED
+
+    def _conflict(
+        self, seen: Seen, alignment: Alignment
+    ) -> tuple[float, NDArray[np.float64], Surface]:
+        """How much of a frame contradicts a pose; the pose in the world, and what was asked."""
+        assert self._keyframe is not None
+        timestamp = seen.frame.timestamp
+        T_world_cam = self._keyframe.T_world_key @ alignment.T_ref_cur
+        self._witness.forget(timestamp)  # what it was told of this frame by another pose
+        surface = self._witness.surface(seen.frame.depth)
+        return self._witness.question(timestamp, T_world_cam, surface), T_world_cam, surface
 
     def _is_doubtful(self, timestamp: float) -> bool:
         """Whether something of late makes a pose no better than the way that led to it."""
