@@ -76,6 +76,10 @@ class KeyframeStore:
         if len(self._keyframes) > self._capacity:
             del self._keyframes[self._most_crowded()]
 
+    def places(self) -> list[tuple[int, NDArray[np.float64]]]:
+        """Give the index and the pose of each."""
+        return [(keyframe.index, keyframe.T_world_key) for keyframe in self._keyframes]
+
     def likest(self, view: NDArray[np.float64], count: int) -> list[Keyframe]:
         """Choose the keyframes that look most like a frame.
 

@@ -2,7 +2,7 @@
 
 import logging
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +20,11 @@ from edvo.errors import FrameError, TrajectoryError
 from edvo.frame import Frame
 from edvo.information import Information
 from edvo.keyframes import Keyframe, KeyframeStore, is_due
+from edvo.last_good import LastGood
 from edvo.planes import PlaneFitter
 from edvo.registration import Alignment, Registration
 from edvo.sampling import sample_edges
-from edvo.search import Search, Seen
+from edvo.search import Search, Seen, is_apart
 from edvo.status import Judge, Status, speed_of
 from edvo.trajectory import Trajectory
 from edvo.uncertainty import Uncertainty, degenerate_directions, describe, in_current_camera
@@ -164,6 +165,7 @@ class Odometry:
         self._depth_alone = DepthAlone(camera, self.config, self._fitter.term, self._uncertainty)
         self._witness = Witness(camera, self.config.planes.sensor)
         self._background = Background(camera, self._registration, self._fitter)
+        self._last_good = LastGood()
         self.reset()
 
     def reset(self, T_world_cam: NDArray[np.float64] | None = None) -> None:
@@ -213,6 +215,7 @@ class Odometry:
         self._piece = self._pieces = 0  # of the path: the one it is in, and those begun since
         self._apart_time = -math.inf  # when it was last known where it is to the first piece
         self._last_join = -math.inf
+        self._last_good.forget()
         self._witness.forget()
         self._background.forget()
         self._moving_time = -math.inf  # when something was last seen to move by itself
@@ -568,6 +571,7 @@ class Odometry:
                 self._blind, self._T_key_last = False, alignment.T_ref_cur  # not moved, but found
                 self._witness.forget()  # what it saw from poses that were doubtful, or of a hand
                 self._background.forget()
+                self._last_good.forget()
                 sure, self._piece = self._sure and not self._piece, self._keyframe.piece
                 if sure:
                     return self._accept(seen, Status.TRACKED, "", alignment)
@@ -602,6 +606,7 @@ class Odometry:
         self._background.forget()
         self._doubt_time = self._moving_time = -math.inf
         self._last_time = timestamp
+        self._last_good.forget()
         self._remember(seen)
         logger.info("frame %d: begun anew", self._count)
         return self._keep(
@@ -627,6 +632,7 @@ class Odometry:
         T_found = self._keyframe.T_world_key @ joined.T_ref_cur
         self._store.move(self._piece, self._keyframe.piece, T_found @ se3.inverse(T_world_cam))
         self._piece = self._keyframe.piece
+        self._last_good.forget()
         self._T_key_last = joined.T_ref_cur @ se3.inverse(T_last_cur)
         self._witness.forget()
         self._background.forget()
@@ -697,6 +703,8 @@ class Odometry:
             elif self._piece:
                 status, reason = Status.DEGRADED, ANEW
         share = alignment.inliers / len(registered.samples)
+        if self._sure and share > self.config.keyframes.min_overlap:
+            self._last_good.note(self._count, seen.frame, self._T_world_last)
         age = self._count - keyframe.index
         rule, better = self.config.keyframes, False
         if rule.early_share < 1 and covariance is not None:
@@ -774,6 +782,8 @@ class Odometry:
         """Leave the state as it was, so that the next frame tries again from the keyframe."""
         log = logger.debug if self._losses else logger.warning
         log("frame %d lost: %s", self._count, reason)
+        if not self._losses and self.config.keyframes.stored:
+            self._store_last_good()
         self._losses += 1
         self._count += 1
         ahead = self._ahead(timestamp)
@@ -791,6 +801,17 @@ class Odometry:
             alignment=alignment,
             piece=self._piece,
         )
+
+    def _store_last_good(self) -> None:
+        """Make the last good image a place to find back to, if none like it is known."""
+        good = self._last_good.take()
+        if good is None:
+            return
+        known = [T for index, T in self._store.places() if index < good.index]
+        if is_apart(good.T_world_cam, known):
+            with self._clock("keyframe"):
+                keyframe = self._new_keyframe(self._see(good.frame), good.T_world_cam, self._piece)
+                self._store.add(replace(keyframe, index=good.index))
 
     def _set_keyframe(self, seen: Seen) -> None:
         with self._clock("keyframe"):
