@@ -73,6 +73,36 @@ def test_where_walls_are_out_of_reach_their_edges_hold_the_pose() -> None:
     assert errors(far_hall, range(25), *FOLLOW)[0][8:].min() > 0.3
 
 
+@pytest.fixture(scope="module")
+def others() -> SyntheticSource:
+    """A hall that people fill, who are noticed late."""
+    return SyntheticSource(make_recipe(crowd.other_people(3), frames=14, seed=3))
+
+
+def test_where_people_fit_no_longer_the_hall_is_found_in_the_frame(others: SyntheticSource) -> None:
+    away, statuses = errors(others, range(14))
+    assert away[7] > 0.1  # gone along with them
+    assert away[8:].max() < 0.06
+    assert set(statuses[8:]) == {Status.DEGRADED}
+    _, statuses = errors(others, range(14), *FOLLOW)
+    assert set(statuses[8:]) == {Status.LOST}
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5])
+def test_what_stands_still_is_no_place_unless_the_rest_moves_past_it(
+    others: SyntheticSource, share: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Edges that fit no more where nothing moves, or all does, are another place's."""
+    odometry = Odometry(others.camera)
+    frames = [reading.frame for reading in read_ahead(others, range(9))]
+    for index, frame in enumerate(frames):
+        assert frame is not None
+        if index == 8:
+            monkeypatch.setattr(odometry._witness, "question", lambda *given: share)
+        result = odometry.track(frame)
+        assert (result.status is Status.LOST) == (index == 8)
+
+
 def test_where_nothing_moves_nothing_changes() -> None:
     source = SyntheticSource(make_recipe("stairs", frames=12, seed=3))
     with_it, without = errors(source, range(12)), errors(source, range(12), *FOLLOW)
@@ -93,6 +123,14 @@ def test_where_it_is_mistaken_and_nothing_moves_poses_stay_right() -> None:
         away = np.linalg.norm((true - source.recipe.motion.at(result.timestamp))[:3, 3])
         assert away < 0.005
         assert result.status is (Status.DEGRADED if reading.index >= 6 else Status.TRACKED)
+
+
+def test_a_past_that_is_too_young_to_go_back_to_is_kept() -> None:
+    past = background()
+    assert not past.reaches(1.0)
+    past.remember(1.0, np.eye(4), np.ones((480, 640), np.float32))
+    assert not past.reaches(1.0)
+    assert past.reaches(1.01)
 
 
 def test_a_clock_that_starts_over_ends_the_doubt(small_hall: SyntheticSource) -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from edvo.config import Config
 from edvo.frame import Frame
-from edvo.odometry import Odometry, Status
+from edvo.odometry import CHANGED, Odometry, Status
 
 from . import problems
 
@@ -140,3 +140,44 @@ def test_how_far_depth_may_jump_is_told():
 def test_the_first_frames_are_not_doubted():
     bent, after = followed(0.03, count=1)
     assert bent.status is after.status is Status.TRACKED
+
+
+# --------------------------------------------------------------- a view that changes all at once
+
+
+def covered(frame, seed):
+    """Something else in a part of the view, with depth."""
+    grey = frame.grey.copy()
+    other = problems.drawn_image(np.random.default_rng(seed), (CAMERA.height, 120), 20)
+    grey[:, :120] = other
+    return Frame(frame.timestamp, grey, frame.depth)
+
+
+def changed_at(*places, count=45, key_gap=1):
+    """Track frames of which some are covered; a keyframe every so many."""
+    frames, _ = problems.sequence(count)
+    config = Config().with_overrides(
+        ["keyframes.rule=gap", f"keyframes.gap_frames={key_gap}", "status.max_conflict=0"]
+    )
+    odometry = Odometry(CAMERA, config)
+    return [
+        odometry.track(covered(frame, 7) if k in places else frame)
+        for k, frame in enumerate(frames)
+    ]
+
+
+def test_after_a_view_that_changed_at_once_a_pose_is_in_doubt_for_a_second():
+    results = changed_at(5)
+    assert "of the samples fit" in results[5].reason
+    following = [result for result in results[7:] if result.timestamp - results[6].timestamp < 0.9]
+    assert len(following) > 20
+    assert {result.status for result in following} == {Status.DEGRADED}
+    assert {result.reason for result in following} == {CHANGED}
+    assert results[-1].status is Status.TRACKED
+
+
+def test_a_poor_fit_with_what_was_seen_longer_ago_is_that_frame_s_alone():
+    results = changed_at(4, key_gap=100)
+    assert "of the samples fit" in results[4].reason
+    assert results[4].status is Status.DEGRADED
+    assert {result.status for result in results[5:]} == {Status.TRACKED}

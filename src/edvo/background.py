@@ -153,6 +153,20 @@ class Background:
         kept[:] = depth
         self._past.append(_Past(timestamp, T_world_cam, kept))
 
+    def reaches(self, timestamp: float) -> bool:
+        """Whether an image is kept from before a time.
+
+        Parameters
+        ----------
+        timestamp : float
+            Seconds.
+
+        Returns
+        -------
+        bool
+        """
+        return len(self._past) > 0 and self._past[0].timestamp < timestamp
+
     def last_pose(self) -> NDArray[np.float64] | None:
         """Give the pose of the last image kept.
 

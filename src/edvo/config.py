@@ -349,6 +349,12 @@ class StatusConfig(Section):
         "is left out where depth tells it from what stands still, or edges and depth count all "
         "alike. Not in the paper",
     )
+    lost: Literal["begin-anew", "wait"] = Field(
+        default="begin-anew",
+        description="a camera that is lost for more than a second, but whose images fit one "
+        "another: it begins anew where it was expected, degraded until it sees again what it saw "
+        "before, or waits for that. Not in the paper",
+    )
     covariance: Literal["cells", "none"] = Field(
         default="cells",
         description="how far a pose may be off, and which motions nothing constrains, which "
@@ -538,6 +544,7 @@ PRESETS: dict[str, dict[str, Any]] = {
             "doubt_agreeing": 0.0,
             "covariance": "none",
             "moving": "follow",
+            "lost": "wait",
         },
     },
 }

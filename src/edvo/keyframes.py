@@ -1,7 +1,7 @@
 """Keyframes: the references that frames are registered with, and when to take a new one (§V-C)."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,9 @@ class Keyframe:
         To tell at a glance where another frame may have been taken.
     timestamp : float
         Seconds.
+    piece : int
+        Of the path that it belongs to: 0 is that of the first frame; where others are to that is
+        not known.
     """
 
     index: int
@@ -48,6 +51,7 @@ class Keyframe:
     view: NDArray[np.float64]
     chamfer: ChamferMap
     timestamp: float
+    piece: int = 0
 
 
 class KeyframeStore:
@@ -72,6 +76,10 @@ class KeyframeStore:
         if len(self._keyframes) > self._capacity:
             del self._keyframes[self._most_crowded()]
 
+    def places(self) -> list[tuple[int, NDArray[np.float64]]]:
+        """Give the index and the pose of each."""
+        return [(keyframe.index, keyframe.T_world_key) for keyframe in self._keyframes]
+
     def likest(self, view: NDArray[np.float64], count: int) -> list[Keyframe]:
         """Choose the keyframes that look most like a frame.
 
@@ -88,6 +96,41 @@ class KeyframeStore:
             The likest first.
         """
         return sorted(self._keyframes, key=lambda keyframe: -float(view @ keyframe.view))[:count]
+
+    def before(self, piece: int) -> "KeyframeStore":
+        """Choose the keyframes of earlier pieces.
+
+        Parameters
+        ----------
+        piece : int
+
+        Returns
+        -------
+        KeyframeStore
+        """
+        earlier = KeyframeStore(self._capacity)
+        earlier._keyframes = [keyframe for keyframe in self._keyframes if keyframe.piece < piece]
+        return earlier
+
+    def newest(self) -> Keyframe:
+        """Give the keyframe taken last."""
+        return self._keyframes[-1]
+
+    def move(self, piece: int, into: int, T: NDArray[np.float64]) -> None:
+        """Move a piece to where it belongs.
+
+        Parameters
+        ----------
+        piece : int
+        into : int
+            The piece that it then is a part of.
+        T : ndarray of float64, shape (4, 4)
+            Maps points of the world from where they were to where they belong.
+        """
+        self._keyframes = [
+            replace(key, piece=into, T_world_key=T @ key.T_world_key) if key.piece == piece else key
+            for key in self._keyframes
+        ]
 
     def _most_crowded(self) -> int:
         """Position of the older one of the nearest two; a radian counts as a metre."""

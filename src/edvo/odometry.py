@@ -2,12 +2,13 @@
 
 import logging
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edvo import kernels, se3
+from edvo.anew import HARDLY_ANY, SETTLED_S, Chain
 from edvo.background import YOUNG_S, Background, Still
 from edvo.camera import Camera
 from edvo.chamfer import ChamferMap
@@ -19,15 +20,16 @@ from edvo.errors import FrameError, TrajectoryError
 from edvo.frame import Frame
 from edvo.information import Information
 from edvo.keyframes import Keyframe, KeyframeStore, is_due
+from edvo.last_good import LastGood
 from edvo.planes import PlaneFitter
 from edvo.registration import Alignment, Registration
 from edvo.sampling import sample_edges
-from edvo.search import Search, Seen
+from edvo.search import Search, Seen, is_apart
 from edvo.sharing import SharedErrors
-from edvo.status import Judge, Status
+from edvo.status import Judge, Status, speed_of
 from edvo.trajectory import Trajectory
 from edvo.uncertainty import Uncertainty, degenerate_directions, describe, in_current_camera
-from edvo.witness import Witness
+from edvo.witness import Surface, Witness
 
 __all__ = ["Odometry", "StageClock", "Status", "TrackedFrame"]
 
@@ -46,10 +48,14 @@ MOVED, ASTRAY = "something moved less than a second ago", "found again, lost fro
 FAR_STEP = "a far step: of what both see enough fits, and nothing else does"
 NOT_ALONE = "a far step, and beside where it led the edges fit as well"
 STEPPED = "a far step less than a second ago"
+# Motion alone does not change a view so much in so short a time: light does, or a hand that comes.
+JUST_NOW_S = 0.1
+CHANGED = "less than a second ago the view had changed at once"
 FREEZE_S = 0.3  # for so long images may repeat: a recorder wrote one twice
-HARDLY_ANY = 5  # times the fewest edges that can be registered: too few to doubt depth by
 NOWHERE = "lost; looks like no place seen before"
 UNSURE = "after a stretch without edges they fit no place for sure"
+ANEW = "begun anew where it was expected; what was seen before has not been seen since"
+JOIN_PERIOD_S = 0.5  # it is looked for no more often than that
 BACK_S = 1.0  # a clock that jumps back so far has begun anew
 FADING_S = 0.5  # that a velocity lasts which nothing confirms, where depth alone goes on
 SIGHT_STRIDE = 8  # one pixel in so many, by row and column, tells whether an image is a new one
@@ -94,6 +100,10 @@ class TrackedFrame:
         Motions in the keyframe's camera that neither edges nor depth noticed; the frame is then
         at best ``DEGRADED``. Along them a frame without edges is only predicted, and they are
         named in its own camera.
+    piece : int
+        Which piece of the path it belongs to. 0 is that of the first frame; another one has begun
+        where the camera was expected after it was lost for a second: poses of one piece belong
+        together, but where it is to another is a guess. Its frames are at best ``DEGRADED``.
     """
 
     timestamp: float
@@ -109,6 +119,7 @@ class TrackedFrame:
     alignment: Alignment | None
     covariance: NDArray[np.float64] | None = None
     degenerate: tuple[str, ...] = ()
+    piece: int = 0
 
 
 class Odometry:
@@ -156,6 +167,7 @@ class Odometry:
         self._depth_alone = DepthAlone(camera, self.config, self._fitter.term, self._uncertainty)
         self._witness = Witness(camera, self.config.planes.sensor)
         self._background = Background(camera, self._registration, self._fitter)
+        self._last_good = LastGood()
         self.reset()
 
     def reset(self, T_world_cam: NDArray[np.float64] | None = None) -> None:
@@ -195,6 +207,18 @@ class Odometry:
             self.camera, self.config, self._registration, self._fitter, self._judge
         )
         self._shared.forget()
+        self._chain = Chain(
+            self._registration,
+            self._fitter,
+            self._depth_alone,
+            self._search,
+            self._judge,
+            self.config.registration.min_matches,
+        )
+        self._piece = self._pieces = 0  # of the path: the one it is in, and those begun since
+        self._apart_time = -math.inf  # when it was last known where it is to the first piece
+        self._last_join = -math.inf
+        self._last_good.forget()
         self._witness.forget()
         self._background.forget()
         self._moving_time = -math.inf  # when something was last seen to move by itself
@@ -252,8 +276,13 @@ class Odometry:
             alignment, status, reason = self._locate(seen)
         else:
             alignment, status, reason = still.alignment, Status.DEGRADED, MOVED
+        if status is Status.LOST and still is None:
+            still = self._stand_out(seen)
+            if still is not None:
+                alignment, status, reason = still.alignment, Status.DEGRADED, MOVED
         if status is Status.LOST:
-            return self._give_up(seen, reason, alignment)
+            found = self._recover(seen) if self._piece else None  # it may be where it was before
+            return found or self._give_up(seen, reason, alignment)
         if self.config.status.max_conflict:
             status, reason = self._question(seen, alignment, status, reason)
             if still is None and self._is_noticed(frame.timestamp):
@@ -263,6 +292,12 @@ class Odometry:
                     status, reason = self._question(seen, alignment, Status.DEGRADED, MOVED)
         if status is Status.LOST:
             return self._lose_sight(seen, reason, alignment)
+        if status is Status.DEGRADED and still is None:
+            self._mind_change(alignment, frame.timestamp)
+        if self._piece:
+            joined = self._join(seen, alignment)
+            if joined is not None:
+                alignment, status, reason, still = joined, Status.DEGRADED, ASTRAY, None
         return self._accept(seen, status, reason, alignment, still)
 
     def skip(self, timestamp: float, reason: str) -> TrackedFrame:
@@ -358,18 +393,43 @@ class Odometry:
         status, _ = self._assess(still.alignment, seen.frame.timestamp)
         return None if status is Status.LOST else still
 
+    def _stand_out(self, seen: Seen) -> Still | None:
+        """Of a frame that fits as a whole nowhere, what stands still, if the rest moves past it."""
+        timestamp, limits = seen.frame.timestamp, self.config.status
+        if not self._leaves_out or self._period(timestamp) > LONGEST_PREDICTION_S:
+            return None
+        still = self._stand_still(seen)
+        if still is None:
+            return None
+        with self._clock("witness"):
+            conflict = self._conflict(seen, still.alignment)[0]
+        return still if limits.max_conflict < conflict <= limits.lost_conflict else None
+
     def _go_back(self, seen: Seen) -> Still | None:
         """Register again what stands still, from where the camera was before anything moved."""
         since = seen.frame.timestamp - YOUNG_S
+        if not self._background.reaches(since):
+            return None  # in a moment it will
         self._background.forget(since)
         self._witness.forget(since)
         return self._stand_still(seen)
 
     def _give_up(self, seen: Seen, reason: str, alignment: Alignment | None) -> TrackedFrame:
-        """Go on by depth where there are hardly any edges; else the frame is lost."""
-        hardly_any = len(seen.samples) < HARDLY_ANY * self.config.registration.min_matches
-        if hardly_any and self._may_follow_depth(seen.frame):
+        """Go on by depth where there are hardly any edges, or begin anew; else it is lost."""
+        bare = self._is_bare(seen)
+        if bare and not self._tells_by_depth(seen.frame):
+            return self._lose_sight(seen, reason, alignment)
+        if bare and self._period(seen.frame.timestamp) <= LONGEST_PREDICTION_S:
             return self._follow_depth(seen, reason)
+        return self._give_in(seen, reason, alignment)
+
+    def _give_in(self, seen: Seen, reason: str, alignment: Alignment | None) -> TrackedFrame:
+        """Begin anew, if it has been lost for long and images fit one another; else it is lost."""
+        if self._is_expected_nowhere(seen.frame.timestamp):
+            with self._clock("recovery"):
+                anew = self._begin_anew(seen)
+            if anew is not None:
+                return anew
         return self._lose_sight(seen, reason, alignment)
 
     def _lose_sight(self, seen: Seen, reason: str, alignment: Alignment | None) -> TrackedFrame:
@@ -381,7 +441,9 @@ class Odometry:
         """Begin to count anew where a clock has jumped back, as a recording that starts over."""
         if self._last_time is not None and timestamp < self._last_time - BACK_S:
             self._last_time, self._last_recovery = timestamp, -math.inf
-            self._doubt_time = self._moving_time = -math.inf
+            self._doubt_time = self._moving_time = self._last_join = -math.inf
+            self._apart_time = timestamp
+            self._chain.forget()
             self._background.forget()
             if self._anchor is not None:
                 self._anchor = timestamp, self._anchor[1]
@@ -411,14 +473,18 @@ class Odometry:
             return self._keep(timestamp, Status.DEGRADED, reason, T_key_cur, index)
         return self._lose(timestamp, reason, 0, 0, None)
 
-    def _may_follow_depth(self, frame: Frame) -> bool:
-        """Whether depth alone may say where a frame without edges is: not from nothing."""
+    def _is_bare(self, seen: Seen) -> bool:
+        """Whether a frame has hardly any edges with depth."""
+        return len(seen.samples) < HARDLY_ANY * self.config.registration.min_matches
+
+    def _tells_by_depth(self, frame: Frame) -> bool:
+        """Whether depth alone may say how a camera moves."""
         sight = frame.depth[::SIGHT_STRIDE, ::SIGHT_STRIDE].copy()
         fresh = not np.array_equal(sight, self._bare_depth)  # to the bit: depth is frozen
         self._bare_depth = sight
         planes = self.config.planes
         wanted = self._fitter.is_on and planes.alone_share > 0 and self._keyframe is not None
-        return wanted and fresh and self._period(frame.timestamp) <= LONGEST_PREDICTION_S
+        return wanted and fresh
 
     def _follow_depth(self, seen: Seen, few: str) -> TrackedFrame:
         """Go on by depth alone, where it fits the keyframe's; the frame is degraded, or lost."""
@@ -436,7 +502,7 @@ class Odometry:
         own = in_current_camera(covariance, alignment.T_ref_cur)  # in which it was held still
         loose = tuple(describe(way) for way in degenerate_directions(own))
         misfit = self._judge.judge_alone(
-            alignment, len(seen.points.sigma), *_speed(T_last_cur, period)
+            alignment, len(seen.points.sigma), *speed_of(T_last_cur, period)
         )
         if len(loose) == 6 and misfit in ("", alignment.reason):
             misfit = "depth constrains nothing"
@@ -448,7 +514,7 @@ class Odometry:
         if not misfit and not loose and self.config.status.max_conflict:
             status, reason = self._question(seen, alignment, status, reason)
         if status is Status.LOST:
-            return self._lose_sight(seen, f"{few}; {misfit or reason}", alignment)
+            return self._give_in(seen, f"{few}; {misfit or reason}", alignment)
         if loose:
             self._sure = False
             if self._anchor is None:
@@ -496,7 +562,7 @@ class Odometry:
         timestamp = seen.frame.timestamp
         if abs(timestamp - self._last_recovery) >= RECOVERY_PERIOD_S:
             self._last_recovery = timestamp
-            gap = self._unseen(timestamp)
+            gap = timestamp - self._apart_time if self._piece else self._unseen(timestamp)
             T_world_known = self._T_world_last if self._anchor is None else self._anchor[1]
             last, seen_last = min(self._period(timestamp), LONGEST_GAP_S), min(gap, LONGEST_GAP_S)
             expected = [
@@ -509,11 +575,73 @@ class Odometry:
                 self._blind, self._T_key_last = False, alignment.T_ref_cur  # not moved, but found
                 self._witness.forget()  # what it saw from poses that were doubtful, or of a hand
                 self._background.forget()
-                if self._sure:
+                self._last_good.forget()
+                sure, self._piece = self._sure and not self._piece, self._keyframe.piece
+                if sure:
                     return self._accept(seen, Status.TRACKED, "", alignment)
                 self._doubt_time, self._doubt = timestamp, ASTRAY
                 return self._accept(seen, Status.DEGRADED, ASTRAY, alignment)
         return None
+
+    def _is_expected_nowhere(self, timestamp: float) -> bool:
+        """Whether it is lost for so long that it may begin anew, once images have settled."""
+        wanted = self.config.status.lost == "begin-anew" and self._keyframe is not None
+        return wanted and self._unseen(timestamp) > LONGEST_GAP_S - SETTLED_S
+
+    def _begin_anew(self, seen: Seen) -> TrackedFrame | None:
+        """Go on from where it was expected, once images fit one another."""
+        timestamp = seen.frame.timestamp
+        T_world_cam = self._T_world_last @ se3.exp(self._cruise * FADING_S)  # till it has faded
+        keyframe = self._new_keyframe(seen, T_world_cam, self._pieces + 1)
+        velocity = self._chain.join(seen, keyframe)
+        if velocity is None or self._unseen(timestamp) <= LONGEST_GAP_S:
+            return None
+        if not self._piece:
+            self._apart_time = timestamp - self._unseen(timestamp)
+        bare = self._is_bare(seen)
+        self._pieces += 1
+        self._piece, self._last_join = self._pieces, timestamp
+        self._T_world_last, self._velocity = T_world_cam, velocity
+        self._blind = bare  # edges that come back then are none that it knows
+        self._anchor = (self._apart_time, T_world_cam) if bare else None
+        self._take_keyframe(keyframe, keep=not bare)
+        self._search.forget()
+        self._witness.forget()
+        self._background.forget()
+        self._doubt_time = self._moving_time = -math.inf
+        self._last_time = timestamp
+        self._last_good.forget()
+        self._remember(seen)
+        logger.info("frame %d: begun anew", self._count)
+        return self._keep(
+            timestamp, Status.DEGRADED, ANEW, np.eye(4), -1, is_keyframe=True, seen=seen
+        )
+
+    def _join(self, seen: Seen, alignment: Alignment) -> Alignment | None:
+        """Look for what was seen before it began anew; where it is found, the piece is moved."""
+        timestamp, earlier = seen.frame.timestamp, self._store.before(self._piece)
+        if abs(timestamp - self._last_join) < JOIN_PERIOD_S or not len(earlier):
+            return None
+        assert self._keyframe is not None
+        self._last_join = timestamp
+        T_world_cam = self._keyframe.T_world_key @ alignment.T_ref_cur
+        with self._clock("recovery"):
+            found = self._search.everywhere(
+                earlier, earlier.newest(), seen, [T_world_cam], timestamp - self._apart_time
+            )
+        if found is None:
+            return None
+        T_last_cur = se3.inverse(self._T_key_last) @ alignment.T_ref_cur
+        self._keyframe, joined = found
+        T_found = self._keyframe.T_world_key @ joined.T_ref_cur
+        self._store.move(self._piece, self._keyframe.piece, T_found @ se3.inverse(T_world_cam))
+        self._piece = self._keyframe.piece
+        self._last_good.forget()
+        self._T_key_last = joined.T_ref_cur @ se3.inverse(T_last_cur)
+        self._witness.forget()
+        self._background.forget()
+        self._doubt_time, self._doubt = timestamp, ASTRAY
+        return joined
 
     def _check_size(self, frame: Frame) -> None:
         height, width = frame.grey.shape
@@ -528,6 +656,9 @@ class Odometry:
         self._set_keyframe(seen)
         self._last_time = timestamp = seen.frame.timestamp
         self._remember(seen)
+        if self.config.status.max_conflict:
+            surface = self._witness.surface(seen.frame.depth)
+            self._witness.remember(timestamp, self._T_world_last, surface)
         return self._keep(timestamp, Status.TRACKED, "", np.eye(4), -1, is_keyframe=True, seen=seen)
 
     def _accept(
@@ -548,6 +679,7 @@ class Odometry:
         self._T_key_last = T_key_cur
         self._blind = False
         self._search.forget()
+        self._chain.forget()
         if status is Status.TRACKED and self._is_doubtful(timestamp):
             status, reason = Status.DEGRADED, self._doubt
         self._sure = status is Status.TRACKED
@@ -573,7 +705,11 @@ class Odometry:
                 status, reason = Status.DEGRADED, f"not constrained: {', '.join(degenerate)}"
             elif self._is_doubtful(timestamp):
                 status, reason = Status.DEGRADED, self._doubt
+            elif self._piece:
+                status, reason = Status.DEGRADED, ANEW
         share = alignment.inliers / len(registered.samples)
+        if self._sure and share > self.config.keyframes.min_overlap:
+            self._last_good.note(self._count, seen.frame, self._T_world_last)
         age = self._count - keyframe.index
         rule, better = self.config.keyframes, False
         if rule.early_share < 1 and covariance is not None:
@@ -642,6 +778,7 @@ class Odometry:
             alignment=alignment,
             covariance=covariance,
             degenerate=degenerate,
+            piece=self._piece,
         )
 
     def _lose(
@@ -650,6 +787,8 @@ class Odometry:
         """Leave the state as it was, so that the next frame tries again from the keyframe."""
         log = logger.debug if self._losses else logger.warning
         log("frame %d lost: %s", self._count, reason)
+        if not self._losses and self.config.keyframes.stored:
+            self._store_last_good()
         self._losses += 1
         self._count += 1
         ahead = self._ahead(timestamp)
@@ -665,26 +804,44 @@ class Odometry:
             edges=edges,
             samples=samples,
             alignment=alignment,
+            piece=self._piece,
         )
+
+    def _store_last_good(self) -> None:
+        """Make the last good image a place to find back to, if none like it is known."""
+        good = self._last_good.take()
+        if good is None:
+            return
+        known = [T for index, T in self._store.places() if index < good.index]
+        if is_apart(good.T_world_cam, known):
+            with self._clock("keyframe"):
+                keyframe = self._new_keyframe(self._see(good.frame), good.T_world_cam, self._piece)
+                self._store.add(replace(keyframe, index=good.index))
 
     def _set_keyframe(self, seen: Seen) -> None:
         with self._clock("keyframe"):
-            edges = seen.edges.describe(self.camera)
-            self._keyframe = Keyframe(
-                index=self._count,
-                T_world_key=_rigid(self._T_world_last),
-                edges=self._registration.index(edges),
-                planes=self._fitter.planes(seen.frame.depth),
-                samples=seen.samples,
-                points=seen.points,
-                view=seen.edges.view(),
-                chamfer=ChamferMap(edges, self.camera),
-                timestamp=seen.frame.timestamp,
-            )
-            self._T_key_last = np.eye(4)
-            if self.config.keyframes.stored:
-                self._store.add(self._keyframe)
-        logger.debug("frame %d is a keyframe with %d edges", self._count, len(seen.edges))
+            self._take_keyframe(self._new_keyframe(seen, self._T_world_last, self._piece))
+
+    def _new_keyframe(self, seen: Seen, T_world_key: NDArray[np.float64], piece: int) -> Keyframe:
+        edges = seen.edges.describe(self.camera)
+        return Keyframe(
+            index=self._count,
+            T_world_key=_rigid(T_world_key),
+            edges=self._registration.index(edges),
+            planes=self._fitter.planes(seen.frame.depth),
+            samples=seen.samples,
+            points=seen.points,
+            view=seen.edges.view(),
+            chamfer=ChamferMap(edges, self.camera),
+            timestamp=seen.frame.timestamp,
+            piece=piece,
+        )
+
+    def _take_keyframe(self, keyframe: Keyframe, *, keep: bool = True) -> None:
+        self._keyframe, self._T_key_last = keyframe, np.eye(4)
+        if keep and self.config.keyframes.stored:
+            self._store.add(keyframe)
+        logger.debug("frame %d is a keyframe", self._count)
 
     def _period(self, timestamp: float) -> float:
         """Seconds since the last frame that was not lost; the usual where stamps make no sense."""
@@ -713,13 +870,9 @@ class Odometry:
         self, seen: Seen, alignment: Alignment, status: Status, reason: str
     ) -> tuple[Status, str]:
         """Hold a pose against the depth of a moment ago: what was empty cannot be filled."""
-        assert self._keyframe is not None
         timestamp, limits = seen.frame.timestamp, self.config.status
-        T_world_cam = self._keyframe.T_world_key @ alignment.T_ref_cur
         with self._clock("witness"):
-            self._witness.forget(timestamp)  # what it was told of this frame by another pose
-            surface = self._witness.surface(seen.frame.depth)
-            conflict = self._witness.question(timestamp, T_world_cam, surface)
+            conflict, T_world_cam, surface = self._conflict(seen, alignment)
         if conflict > limits.max_conflict:
             self._doubt_time, self._doubt = timestamp, MOVED
             self._moving_time = timestamp
@@ -730,13 +883,31 @@ class Odometry:
         self._witness.remember(timestamp, T_world_cam, surface)
         return status, reason
 
+    def _mind_change(self, alignment: Alignment, timestamp: float) -> None:
+        """Doubt what follows a frame that fits poorly what was seen just now."""
+        assert self._keyframe is not None
+        age = timestamp - self._keyframe.timestamp
+        if 0 <= age < JUST_NOW_S and self._judge.fits_poorly(alignment):
+            self._doubt_time, self._doubt = timestamp, CHANGED
+
+    def _conflict(
+        self, seen: Seen, alignment: Alignment
+    ) -> tuple[float, NDArray[np.float64], Surface]:
+        """How much of a frame contradicts a pose; the pose in the world, and what was asked."""
+        assert self._keyframe is not None
+        timestamp = seen.frame.timestamp
+        T_world_cam = self._keyframe.T_world_key @ alignment.T_ref_cur
+        self._witness.forget(timestamp)  # what it was told of this frame by another pose
+        surface = self._witness.surface(seen.frame.depth)
+        return self._witness.question(timestamp, T_world_cam, surface), T_world_cam, surface
+
     def _is_doubtful(self, timestamp: float) -> bool:
         """Whether something of late makes a pose no better than the way that led to it."""
         return 0 <= timestamp - self._doubt_time < DOUBTFUL_S
 
     def _assess(self, alignment: Alignment, timestamp: float) -> tuple[Status, str]:
         """Judge a registration by its evidence, and by how far it is from the last pose."""
-        return self._judge.judge(alignment, *_speed(*self._moved(alignment.T_ref_cur, timestamp)))
+        return self._judge.judge(alignment, *speed_of(*self._moved(alignment.T_ref_cur, timestamp)))
 
     def _moved(
         self, T_key_cur: NDArray[np.float64], timestamp: float
@@ -747,12 +918,6 @@ class Odometry:
         assert self._keyframe is not None
         T_world_cur = self._keyframe.T_world_key @ T_key_cur
         return se3.inverse(self._anchor[1]) @ T_world_cur, self._unseen(timestamp)
-
-
-def _speed(T: NDArray[np.float64], seconds: float) -> tuple[float, float]:
-    """Of a motion: metres and degrees a second."""
-    distance = math.hypot(*T[:3, 3].tolist())
-    return distance / seconds, math.degrees(se3.rotation_angle(T)) / seconds
 
 
 def _checked(T: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -3,7 +3,10 @@
 import enum
 import math
 
-from edvo import kernels
+import numpy as np
+from numpy.typing import NDArray
+
+from edvo import kernels, se3
 from edvo.config import Config
 from edvo.planes import PlaneMap, PlanePoints
 from edvo.registration import REASONS, Alignment
@@ -129,6 +132,23 @@ class Judge:
             return f"implausible jump: {speed:.1f} m/s, {turn:.0f} deg/s"
         return ""
 
+    def fits_poorly(self, alignment: Alignment) -> bool:
+        """Whether so few samples fit that a pose is in doubt.
+
+        Parameters
+        ----------
+        alignment : Alignment
+
+        Returns
+        -------
+        bool
+        """
+        status, samples = self._status, len(alignment.matches)
+        return (
+            alignment.inliers < status.doubt_inliers * samples
+            or alignment.agreeing < status.doubt_agreeing * samples
+        )
+
     def is_sure(self, alignment: Alignment, *, seen_only: bool = False) -> bool:
         """Whether a registration is good enough to say where the camera is from nothing.
 
@@ -151,6 +171,24 @@ class Judge:
             and alignment.agreeing >= status.doubt_agreeing * samples
             and not (alignment.depth_balance and alignment.sigma_depth > status.max_depth_sigma)
         )
+
+
+def speed_of(T: NDArray[np.float64], seconds: float) -> tuple[float, float]:
+    """Say how fast a motion is.
+
+    Parameters
+    ----------
+    T : ndarray of float64, shape (4, 4)
+    seconds : float
+        That it took.
+
+    Returns
+    -------
+    (float, float)
+        Metres and degrees a second.
+    """
+    distance = math.hypot(*T[:3, 3].tolist())
+    return distance / seconds, math.degrees(se3.rotation_angle(T)) / seconds
 
 
 def agreement(alignment: Alignment, planes: PlaneMap, points: PlanePoints) -> float:

@@ -89,6 +89,8 @@ VARIANTS = (
     Variant("witness: what stands where nothing was", ("status.max_conflict=0.02",)),
     Variant("what moves: followed like the rest", ("status.moving=follow",)),
     Variant("what moves: left out", ("status.moving=leave-out",)),
+    Variant("lost for a second: wait", ("status.lost=wait",)),
+    Variant("lost for a second: begin anew", ("status.lost=begin-anew",)),
     Variant("covariance: none", ("status.covariance=none",)),
     Variant("covariance: by cells", ("status.covariance=cells",)),
     Variant("agreeing gradients: not asked", ("status.min_agreeing=0", "status.doubt_agreeing=0")),

@@ -1,0 +1,93 @@
+"""A hand before the lens: what was seen before it came is what the camera is found again by."""
+
+import numpy as np
+
+from edvo.config import Config
+from edvo.frame import Frame
+from edvo.last_good import APART_S, LastGood
+from edvo.odometry import Odometry, Status
+
+from . import problems
+
+
+def image(timestamp, level):
+    grey = np.full((4, 6), level, np.uint8)
+    return Frame(timestamp, grey, np.full((4, 6), 1.0 + level / 100, np.float32))
+
+
+def test_the_last_one_is_given_away_once():
+    kept = LastGood()
+    assert kept.take() is None
+    for index, level in enumerate((10, 20, 30)):
+        kept.note(index, image(index * 2 * APART_S, level), index * np.eye(4))
+    good = kept.take()
+    assert good is not None
+    assert (good.index, good.frame.timestamp) == (2, 4 * APART_S)
+    assert (good.frame.grey == 30).all()
+    np.testing.assert_array_equal(good.T_world_cam, 2 * np.eye(4))
+    assert kept.take() is None
+
+
+def test_it_is_a_copy_and_taken_no_more_often_than_it_has_to_be():
+    kept, first = LastGood(), image(0.0, 10)
+    grey, depth = first.grey.copy(), first.depth.copy()
+    kept.note(0, Frame(0.0, grey, depth), np.eye(4))
+    grey[:], depth[:] = 99, 9.0  # a camera uses its memory again
+    kept.note(1, image(0.9 * APART_S, 20), np.eye(4))
+    good = kept.take()
+    assert good is not None
+    assert good.index == 0
+    np.testing.assert_array_equal(good.frame.grey, first.grey)
+    np.testing.assert_array_equal(good.frame.depth, first.depth)
+
+
+def test_a_clock_that_starts_over_does_not_keep_the_old_one():
+    kept = LastGood()
+    kept.note(0, image(100.0, 10), np.eye(4))
+    kept.note(1, image(1.0, 20), np.eye(4))
+    good = kept.take()
+    assert good is not None
+    assert good.index == 1
+
+
+def walked(count, *overrides):
+    """Walk through a room, and lose it."""
+    frames, truth = problems.sequence(30)
+    odometry = Odometry(problems.CAMERA, Config().with_overrides(overrides))
+    results = [odometry.track(frame) for frame in frames[:count]]
+    assert {result.status for result in results} == {Status.TRACKED}
+    odometry.skip(frames[count - 1].timestamp + 1 / 30, "no depth")
+    return odometry, frames, truth
+
+
+def test_once_it_is_lost_the_last_good_image_is_a_keyframe():
+    far = ("keyframes.max_translation_m=9", "keyframes.max_rotation_deg=179")
+    far += ("keyframes.min_overlap=0.6",)
+    odometry, frames, truth = walked(25, *far)
+    assert len(odometry._store) == 2
+    index, T_world_key = odometry._store.places()[-1]
+    assert 24 - 30 * APART_S <= index <= 24
+    assert problems.error(truth[index], T_world_key)[0] < 0.02
+    # what it shows is registered as with any other
+    odometry._keyframe = odometry._store.newest()
+    odometry._T_key_last = np.eye(4)
+    noisy = Frame(frames[25].timestamp, frames[25].grey, frames[25].depth)
+    result = odometry.track(noisy)
+    assert result.keyframe == index
+    assert problems.error(truth[25], result.T_world_cam)[0] < 0.02
+
+
+def test_where_a_keyframe_is_near_it_is_not_one():
+    odometry, _, _ = walked(4)
+    assert [index for index, _ in odometry._store.places()] == [0]
+
+
+def test_a_frame_in_doubt_is_not_good():
+    frames, _ = problems.sequence(30)
+    odometry = Odometry(problems.CAMERA)
+    for frame in frames[:3]:
+        odometry.track(frame)
+    odometry._doubt_time = frames[3].timestamp
+    odometry._last_good.forget()
+    assert odometry.track(frames[3]).status is Status.DEGRADED
+    assert odometry._last_good.take() is None
