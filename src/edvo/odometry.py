@@ -2,7 +2,7 @@
 
 import logging
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from edvo.depth_alone import DepthAlone
 from edvo.edges import EdgeBuffers, extract_edges
 from edvo.errors import FrameError, TrajectoryError
 from edvo.frame import Frame
+from edvo.freeze import FREEZE_S, STRIDE, Freeze
 from edvo.information import Information
 from edvo.keyframes import Keyframe, KeyframeStore, is_due
 from edvo.last_good import LastGood
@@ -27,6 +28,7 @@ from edvo.sampling import sample_edges
 from edvo.search import Search, Seen, is_apart
 from edvo.sharing import SharedErrors
 from edvo.status import Judge, Status, speed_of
+from edvo.tracked import TrackedFrame
 from edvo.trajectory import Trajectory
 from edvo.uncertainty import Uncertainty, degenerate_directions, describe, in_current_camera
 from edvo.witness import Surface, Witness
@@ -51,75 +53,13 @@ STEPPED = "a far step less than a second ago"
 # Motion alone does not change a view so much in so short a time: light does, or a hand that comes.
 JUST_NOW_S = 0.1
 CHANGED = "less than a second ago the view had changed at once"
-FREEZE_S = 0.3  # for so long images may repeat: a recorder wrote one twice
 NOWHERE = "lost; looks like no place seen before"
 UNSURE = "after a stretch without edges they fit no place for sure"
 ANEW = "begun anew where it was expected; what was seen before has not been seen since"
 JOIN_PERIOD_S = 0.5  # it is looked for no more often than that
 BACK_S = 1.0  # a clock that jumps back so far has begun anew
 FADING_S = 0.5  # that a velocity lasts which nothing confirms, where depth alone goes on
-SIGHT_STRIDE = 8  # one pixel in so many, by row and column, tells whether an image is a new one
 NOMINAL_PERIOD_S = 1 / 30  # stands in where stamps repeat, all but repeat, or go back
-
-
-@dataclass(frozen=True, slots=True)
-class TrackedFrame:
-    """The pose of one frame and its evidence.
-
-    Attributes
-    ----------
-    timestamp : float
-        Seconds, as the frame gave it.
-    index : int
-        Number of the frame since the last reset, from 0.
-    status : Status
-    reason : str
-        Why it is not ``TRACKED``; empty where it is.
-    T_world_cam : ndarray of float64, shape (4, 4)
-        Maps points from the camera to the world, which is the first camera. Only predicted
-        where the status is ``LOST``.
-    T_key_cur : ndarray of float64, shape (4, 4)
-        Maps points from the camera to that of the keyframe it was registered with.
-    keyframe : int
-        Index of that keyframe; -1 where there is none yet.
-    is_keyframe : bool
-        Whether this frame has become the keyframe of those that follow.
-    edges : int
-        Edge pixels found.
-    samples : int
-        Edge pixels with depth that were drawn; where something moves, those of them that stand
-        still, and far ones whose depth is a guess.
-    alignment : Alignment or None
-        The registration; None where there was none.
-    covariance : ndarray of float64, shape (6, 6), or None
-        Of ``T_key_cur``: of the twist [v, w] (metres, radians) in the keyframe's camera with
-        T_true = exp([v, w]) T_key_cur. Not calibrated for frames where something moves. None
-        where there was no registration or it failed, and where ``status.covariance`` is ``none``,
-        as in the preset ``paper``, unless depth alone carries the frame or has let it drift.
-    degenerate : tuple of str
-        Motions in the keyframe's camera that neither edges nor depth noticed; the frame is then
-        at best ``DEGRADED``. Along them a frame without edges is only predicted, and they are
-        named in its own camera.
-    piece : int
-        Which piece of the path it belongs to. 0 is that of the first frame; another one has begun
-        where the camera was expected after it was lost for a second: poses of one piece belong
-        together, but where it is to another is a guess. Its frames are at best ``DEGRADED``.
-    """
-
-    timestamp: float
-    index: int
-    status: Status
-    reason: str
-    T_world_cam: NDArray[np.float64]
-    T_key_cur: NDArray[np.float64]
-    keyframe: int
-    is_keyframe: bool
-    edges: int
-    samples: int
-    alignment: Alignment | None
-    covariance: NDArray[np.float64] | None = None
-    degenerate: tuple[str, ...] = ()
-    piece: int = 0
 
 
 class Odometry:
@@ -197,10 +137,8 @@ class Odometry:
         # When and where it was last known where it is, if depth alone has let it drift since.
         self._anchor: tuple[float, NDArray[np.float64]] | None = None
         self._bare_depth = np.empty((0, 0), np.float32)  # of the last frame without edges
-        self._sight = np.empty((0, 0), np.uint8)  # of the last image
-        self._sight_time = -math.inf
-        self._repeated = 0
-        self._sight_found = False  # whether that image has got a pose
+        self._freeze = Freeze()
+        self._sight_found = False  # whether the last new image has got a pose
         self._judge = Judge(self.config)
         self._information = Information()
         self._search = Search(
@@ -258,8 +196,9 @@ class Odometry:
         """
         self._check_size(frame)
         self._rewind(frame.timestamp)
-        if self._repeats(frame):
+        if self._freeze.repeats(frame):
             return self._hold(frame.timestamp)
+        self._sight_found = False
         seen, least = self._see(frame), self.config.registration.min_matches
         if len(seen.samples) < least:
             few = f"{len(seen.samples)} edges with depth; {least} needed"
@@ -448,21 +387,9 @@ class Odometry:
             if self._anchor is not None:
                 self._anchor = timestamp, self._anchor[1]
 
-    def _repeats(self, frame: Frame) -> bool:
-        """Whether an image is the very same as the last one, which no sensor's noise allows."""
-        sight = frame.grey[::SIGHT_STRIDE, ::SIGHT_STRIDE].copy()  # packed, to be read thrice
-        if np.array_equal(sight, self._sight) and sight.min() < sight.max():
-            return True
-        self._sight, self._sight_time = sight, frame.timestamp
-        self._repeated, self._sight_found = 0, False
-        return False
-
     def _hold(self, timestamp: float) -> TrackedFrame:
         """Stay at the last pose while an image repeats, but not for long: the camera may move."""
-        self._repeated += 1
-        age = timestamp - self._sight_time
-        if age < SHORTEST_PERIOD_S:  # stamps that stand still, or go back
-            age = self._repeated * NOMINAL_PERIOD_S
+        age = self._freeze.age(timestamp, SHORTEST_PERIOD_S, NOMINAL_PERIOD_S)
         reason = "the same image as before"
         if age > FREEZE_S:
             reason = f"the same image for {age:.2f} s: the stream is frozen"
@@ -479,7 +406,7 @@ class Odometry:
 
     def _tells_by_depth(self, frame: Frame) -> bool:
         """Whether depth alone may say how a camera moves."""
-        sight = frame.depth[::SIGHT_STRIDE, ::SIGHT_STRIDE].copy()
+        sight = frame.depth[::STRIDE, ::STRIDE].copy()
         fresh = not np.array_equal(sight, self._bare_depth)  # to the bit: depth is frozen
         self._bare_depth = sight
         planes = self.config.planes

@@ -53,6 +53,10 @@ def test_numbers_of_a_registration_are_in_their_columns() -> None:
     assert {name: float(row()[name]) for name in FOUND} == FOUND
 
 
+def test_the_piece_of_the_path() -> None:
+    assert (row()["piece"], row(piece=2)["piece"]) == ("0", "2")
+
+
 def test_agreeing_stands_behind_inliers() -> None:
     names = list(row())
     assert names[names.index("inliers") + 1] == "agreeing"

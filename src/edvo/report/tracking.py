@@ -66,6 +66,8 @@ class FrameRecord:
         Why the frame could not be read; None if it could.
     covariance : ndarray, shape (6, 6), float64, or None
         Of its motion since the keyframe, see `edvo.odometry.TrackedFrame`; None without one.
+    piece : int
+        Of the path, see there.
     """
 
     stamp: str
@@ -82,6 +84,7 @@ class FrameRecord:
     stages: Mapping[str, float]
     problem: str | None
     covariance: NDArray[np.float64] | None = None
+    piece: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -387,4 +390,5 @@ def _record(
         stages=stages,
         problem=problem,
         covariance=result.covariance,
+        piece=result.piece,
     )

@@ -1,0 +1,58 @@
+"""A stream that freezes: no sensor gives the same image twice, for its noise."""
+
+import math
+
+import numpy as np
+
+from edvo.frame import Frame
+
+FREEZE_S = 0.3  # for so long images may repeat: a recorder wrote one twice
+STRIDE = 8  # one pixel in so many, by row and column, tells whether an image is a new one
+
+
+class Freeze:
+    """Remembers the last image that was a new one."""
+
+    def __init__(self) -> None:
+        self._sight = np.empty((0, 0), np.uint8)
+        self._time = -math.inf
+        self._times = 0
+
+    def repeats(self, frame: Frame) -> bool:
+        """Say whether an image is the very same as the last one.
+
+        Parameters
+        ----------
+        frame : Frame
+
+        Returns
+        -------
+        bool
+            False for an image of one grey, which may be that of a dark room, or of a wall.
+        """
+        sight = frame.grey[::STRIDE, ::STRIDE].copy()  # packed, to be read thrice
+        if np.array_equal(sight, self._sight) and sight.min() < sight.max():
+            self._times += 1
+            return True
+        self._sight, self._time, self._times = sight, frame.timestamp, 0
+        return False
+
+    def age(self, timestamp: float, least_s: float, period_s: float) -> float:
+        """Say for how long the last image has been the same.
+
+        Parameters
+        ----------
+        timestamp : float
+            Seconds.
+        least_s : float
+            Where stamps stand still, or go back, so that they tell less than that,
+        period_s : float
+            each image counts for so many seconds.
+
+        Returns
+        -------
+        float
+            Seconds.
+        """
+        age = timestamp - self._time
+        return self._times * period_s if age < least_s else age

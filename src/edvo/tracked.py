@@ -1,0 +1,69 @@
+"""What comes out for each frame: its pose, and how far it is to be trusted."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edvo.registration import Alignment
+from edvo.status import Status
+
+
+@dataclass(frozen=True, slots=True)
+class TrackedFrame:
+    """The pose of one frame and its evidence.
+
+    Attributes
+    ----------
+    timestamp : float
+        Seconds, as the frame gave it.
+    index : int
+        Number of the frame since the last reset, from 0.
+    status : Status
+    reason : str
+        Why it is not ``TRACKED``; empty where it is.
+    T_world_cam : ndarray of float64, shape (4, 4)
+        Maps points from the camera to the world, which is the first camera. Only predicted
+        where the status is ``LOST``.
+    T_key_cur : ndarray of float64, shape (4, 4)
+        Maps points from the camera to that of the keyframe it was registered with.
+    keyframe : int
+        Index of that keyframe; -1 where there is none yet.
+    is_keyframe : bool
+        Whether this frame has become the keyframe of those that follow.
+    edges : int
+        Edge pixels found.
+    samples : int
+        Edge pixels with depth that were drawn; where something moves, those of them that stand
+        still, and far ones whose depth is a guess.
+    alignment : Alignment or None
+        The registration; None where there was none.
+    covariance : ndarray of float64, shape (6, 6), or None
+        Of ``T_key_cur``: of the twist [v, w] (metres, radians) in the keyframe's camera with
+        T_true = exp([v, w]) T_key_cur. Not calibrated for frames where something moves. None
+        where there was no registration or it failed, and where ``status.covariance`` is ``none``,
+        as in the preset ``paper``, unless depth alone carries the frame or has let it drift.
+    degenerate : tuple of str
+        Motions in the keyframe's camera that neither edges nor depth noticed; the frame is then
+        at best ``DEGRADED``. Along them a frame without edges is only predicted, and they are
+        named in its own camera.
+    piece : int
+        Which piece of the path it belongs to. 0 is that of the first frame; another one has begun
+        where the camera was expected after it was lost for a second: poses of one piece belong
+        together, but where it is to another is a guess. Its frames are at best ``DEGRADED``.
+    """
+
+    timestamp: float
+    index: int
+    status: Status
+    reason: str
+    T_world_cam: NDArray[np.float64]
+    T_key_cur: NDArray[np.float64]
+    keyframe: int
+    is_keyframe: bool
+    edges: int
+    samples: int
+    alignment: Alignment | None
+    covariance: NDArray[np.float64] | None = None
+    degenerate: tuple[str, ...] = ()
+    piece: int = 0
