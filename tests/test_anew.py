@@ -82,17 +82,29 @@ def test_it_begins_where_it_was_expected(office, elsewhere):
     assert odometry._store.newest().piece == 1
 
 
-@pytest.mark.parametrize(
-    ("preset", "override"),
-    [("default", "status.lost=wait"), ("paper", "seed=0")],
-)
-def test_it_waits_where_it_is_told_to(office, elsewhere, preset, override):
-    if preset == "paper":
-        assert Config.preset(preset).status.lost == "wait"
-        return
+@pytest.mark.parametrize("override", ["status.lost=wait", "keyframes.stored=0"])
+def test_it_waits_where_it_is_told_to_or_could_not_find_back(office, elsewhere, override):
     _, results = lost_and_elsewhere(office, elsewhere, override)
     assert {result.status for result in results} == {Status.LOST}
     assert {result.piece for result in results} == {0}
+
+
+def test_the_preset_of_the_paper_begins_no_piece(office, elsewhere):
+    _, results = lost_and_elsewhere(office, elsewhere, preset="paper")
+    assert {result.piece for result in results} == {0}
+    assert ANEW not in {result.reason for result in results}
+
+
+def test_images_that_do_not_fit_are_not_all_tried(office, elsewhere):
+    odometry, _ = lost_and_elsewhere(office, (elsewhere[0][:1], None))
+    tried, join = [], odometry._chain.join
+    odometry._chain.join = lambda seen, this: tried.append(this) or join(seen, this)
+    other, _ = rendered("cabinet", 1)
+    t = odometry._last_time + 5.0
+    for k in range(30):
+        frame = (elsewhere[0][0], other[0])[(k // 2) % 2]
+        odometry.track(later([frame], t + k * PERIOD)[0])
+    assert 5 < len(tried) < 20
 
 
 def test_images_that_do_not_fit_one_another_begin_nothing(office, elsewhere):
@@ -129,7 +141,7 @@ def test_a_piece_is_joined_when_it_sees_what_was_seen_before():
         odometry.track(frame)
     t = SEEN * PERIOD + LOST_S
     odometry.skip(t, "no depth")
-    way = [*range(90, 110), *range(109, 0, -1), *range(20)]
+    way = [*range(90, 110), *range(109, 0, -1), *range(45)]
     results = [odometry.track(frame) for frame in later([frames[k] for k in way], t + PERIOD)]
     off = [
         problems.error(se3.inverse(truth[0]) @ truth[k], result.T_world_cam)[0]

@@ -153,11 +153,11 @@ def covered(frame, seed):
     return Frame(frame.timestamp, grey, frame.depth)
 
 
-def changed_at(*places, count=45, key_gap=1):
+def changed_at(*places, count=45, key_gap=1, preset="default", more=()):
     """Track frames of which some are covered; a keyframe every so many."""
     frames, _ = problems.sequence(count)
-    config = Config().with_overrides(
-        ["keyframes.rule=gap", f"keyframes.gap_frames={key_gap}", "status.max_conflict=0"]
+    config = Config.preset(preset).with_overrides(
+        ["keyframes.rule=gap", f"keyframes.gap_frames={key_gap}", "status.max_conflict=0", *more]
     )
     odometry = Odometry(CAMERA, config)
     return [
@@ -181,3 +181,12 @@ def test_a_poor_fit_with_what_was_seen_longer_ago_is_that_frame_s_alone():
     assert "of the samples fit" in results[4].reason
     assert results[4].status is Status.DEGRADED
     assert {result.status for result in results[5:]} == {Status.TRACKED}
+
+
+@pytest.mark.parametrize(
+    ("preset", "more"), [("paper", ()), ("default", ("status.sudden_change=ignore",))]
+)
+def test_no_frame_is_in_doubt_for_another_where_that_is_not_asked_for(preset, more):
+    results = changed_at(5, preset=preset, more=more)
+    assert "of the samples fit" in results[5].reason
+    assert {result.status for result in results[7:]} == {Status.TRACKED}

@@ -65,7 +65,7 @@ def test_once_it_is_lost_the_last_good_image_is_a_keyframe():
     far += ("keyframes.min_overlap=0.6",)
     odometry, frames, truth = walked(25, *far)
     assert len(odometry._store) == 2
-    index, T_world_key = odometry._store.places()[-1]
+    index, T_world_key = odometry._store.places(0)[-1]
     assert 24 - 30 * APART_S <= index <= 24
     assert problems.error(truth[index], T_world_key)[0] < 0.02
     # what it shows is registered as with any other
@@ -79,7 +79,7 @@ def test_once_it_is_lost_the_last_good_image_is_a_keyframe():
 
 def test_where_a_keyframe_is_near_it_is_not_one():
     odometry, _, _ = walked(4)
-    assert [index for index, _ in odometry._store.places()] == [0]
+    assert [index for index, _ in odometry._store.places(0)] == [0]
 
 
 def test_a_frame_in_doubt_is_not_good():

@@ -69,10 +69,10 @@ def test_a_place_never_seen_is_not_recognised(walk):
         assert result.status is Status.LOST
 
 
-def keyframe(index, x, angle=0.0, view=None):
+def keyframe(index, x, angle=0.0, view=None, piece=0):
     T = se3.exp(np.array([x, 0.0, 0.0, 0.0, angle, 0.0]))
     view = np.eye(4)[0] if view is None else view
-    return Keyframe(index, T, None, None, None, None, view, None, 0.0)
+    return Keyframe(index, T, None, None, None, None, view, None, 0.0, piece)
 
 
 def stored(store):
@@ -88,6 +88,16 @@ def test_a_full_store_lets_go_of_the_older_of_the_nearest_two():
     assert stored(store) == [0, 2, 3]
     store.add(keyframe(4, 3.0, angle=1.5))  # another view from the same place is another place
     assert stored(store) == [2, 3, 4]
+
+
+def test_keyframes_of_different_pieces_are_not_near_each_other():
+    """Where they are to each other is a guess."""
+    store = KeyframeStore(3)
+    for index, (x, piece) in enumerate([(0.0, 0), (2.0, 0), (2.1, 1)]):
+        store.add(keyframe(index, x, piece=piece))
+    store.add(keyframe(3, 2.9, piece=1))
+    assert stored(store) == [0, 1, 3]
+    assert [index for index, _ in store.places(1)] == [3]
 
 
 def test_the_likest_come_first():

@@ -22,6 +22,7 @@ from edvo.status import Judge, Status, speed_of
 SETTLED_S = 0.5  # for so long images fit one another: the search has looked three times by then
 CLOSE_S = 1.0  # images farther apart do not speak for one another
 NEAR_S = 0.2  # those farther apart are searched for
+REST_S = 0.1  # after an image that did not follow, which takes long to tell
 HARDLY_ANY = 5  # times the fewest edges that can be registered: with less depth has to tell
 
 
@@ -58,7 +59,21 @@ class Chain:
     def forget(self) -> None:
         """Begin to wait anew."""
         self._last: Keyframe | None = None
-        self._since = math.inf
+        self._since, self._broken = math.inf, -math.inf
+
+    def rests(self, timestamp: float) -> bool:
+        """Whether an image has not followed only just now.
+
+        Parameters
+        ----------
+        timestamp : float
+            Seconds.
+
+        Returns
+        -------
+        bool
+        """
+        return abs(timestamp - self._broken) < REST_S
 
     def join(self, seen: Seen, this: Keyframe) -> NDArray[np.float64] | None:
         """Take the next image.
@@ -80,6 +95,7 @@ class Chain:
         velocity = None if last is None else self._follows(last, seen)
         if velocity is None:
             self._since = this.timestamp
+            self._broken = -math.inf if last is None else this.timestamp
         settled = this.timestamp - self._since >= SETTLED_S
         return velocity if settled else None
 

@@ -349,11 +349,17 @@ class StatusConfig(Section):
         "is left out where depth tells it from what stands still, or edges and depth count all "
         "alike. Not in the paper",
     )
+    sudden_change: Literal["doubt", "ignore"] = Field(
+        default="doubt",
+        description="where a frame is in doubt for its fit with a keyframe of less than 0.1 s ago, "
+        "as a hand before the lens makes it, what follows within a second is degraded, or not. Not "
+        "in the paper",
+    )
     lost: Literal["begin-anew", "wait"] = Field(
         default="begin-anew",
         description="a camera that is lost for more than a second, but whose images fit one "
         "another: it begins anew where it was expected, degraded until it sees again what it saw "
-        "before, or waits for that. Not in the paper",
+        "before, or waits for that; with keyframes.stored. Not in the paper",
     )
     covariance: Literal["cells", "none"] = Field(
         default="cells",
@@ -545,6 +551,7 @@ PRESETS: dict[str, dict[str, Any]] = {
             "covariance": "none",
             "moving": "follow",
             "lost": "wait",
+            "sudden_change": "ignore",
         },
     },
 }

@@ -13,6 +13,8 @@ from edvo.edges import EdgePixels
 from edvo.matching import EdgeIndex
 from edvo.planes import PlaneMap, PlanePoints
 
+UNKNOWN = 1e6  # m; how far apart keyframes of different pieces are
+
 
 @dataclass(frozen=True, slots=True)
 class Keyframe:
@@ -60,7 +62,8 @@ class KeyframeStore:
     Parameters
     ----------
     capacity : int
-        Once it is exceeded, one of the two that are nearest to each other goes: the older.
+        Once it is exceeded, one of the two of a piece that are nearest to each other goes: the
+        older.
     """
 
     def __init__(self, capacity: int) -> None:
@@ -76,9 +79,9 @@ class KeyframeStore:
         if len(self._keyframes) > self._capacity:
             del self._keyframes[self._most_crowded()]
 
-    def places(self) -> list[tuple[int, NDArray[np.float64]]]:
-        """Give the index and the pose of each."""
-        return [(keyframe.index, keyframe.T_world_key) for keyframe in self._keyframes]
+    def places(self, piece: int) -> list[tuple[int, NDArray[np.float64]]]:
+        """Give the index and the pose of each that belongs to a piece."""
+        return [(key.index, key.T_world_key) for key in self._keyframes if key.piece == piece]
 
     def likest(self, view: NDArray[np.float64], count: int) -> list[Keyframe]:
         """Choose the keyframes that look most like a frame.
@@ -138,6 +141,8 @@ class KeyframeStore:
         apart = np.linalg.norm(T[:, None, :3, 3] - T[None, :, :3, 3], axis=2)
         cosine = (np.einsum("aij,bij->ab", T[:, :3, :3], T[:, :3, :3]) - 1) / 2
         apart += np.arccos(np.clip(cosine, -1, 1))
+        piece = np.array([keyframe.piece for keyframe in self._keyframes])
+        apart[piece[:, None] != piece] += UNKNOWN
         apart[np.tril_indices(len(T))] = np.inf
         return int(np.argmin(apart)) // len(T)
 

@@ -56,7 +56,8 @@ CHANGED = "less than a second ago the view had changed at once"
 NOWHERE = "lost; looks like no place seen before"
 UNSURE = "after a stretch without edges they fit no place for sure"
 ANEW = "begun anew where it was expected; what was seen before has not been seen since"
-JOIN_PERIOD_S = 0.5  # it is looked for no more often than that
+# It is looked for no more often than that, half as often after so long, and so seldom at last.
+JOIN_PERIOD_S, JOIN_SLOWER_S, JOIN_LONGEST_S = 0.5, 10.0, 2.0
 BACK_S = 1.0  # a clock that jumps back so far has begun anew
 FADING_S = 0.5  # that a velocity lasts which nothing confirms, where depth alone goes on
 NOMINAL_PERIOD_S = 1 / 30  # stands in where stamps repeat, all but repeat, or go back
@@ -170,7 +171,8 @@ class Odometry:
     def trajectory(self) -> Trajectory:
         """Poses of the frames tracked so far, by time, without those that were lost.
 
-        Of frames with the same stamp it holds the first.
+        Of frames with the same stamp it holds the first. The path jumps where a piece begins, and
+        where it is joined to another (see ``TrackedFrame.piece``): poses stay as they were given.
         """
         return Trajectory.from_frames(self._timestamps, self._poses)
 
@@ -215,12 +217,15 @@ class Odometry:
             alignment, status, reason = self._locate(seen)
         else:
             alignment, status, reason = still.alignment, Status.DEGRADED, MOVED
-        if status is Status.LOST and still is None:
+        if status is Status.LOST and not self._is_moving(frame.timestamp):
             still = self._stand_out(seen)
             if still is not None:
                 alignment, status, reason = still.alignment, Status.DEGRADED, MOVED
         if status is Status.LOST:
-            found = self._recover(seen) if self._piece else None  # it may be where it was before
+            found = None
+            if self._piece:  # it may be where it was before
+                with self._clock("recovery"):
+                    found = self._recover(seen)
             return found or self._give_up(seen, reason, alignment)
         if self.config.status.max_conflict:
             status, reason = self._question(seen, alignment, status, reason)
@@ -490,6 +495,7 @@ class Odometry:
         if abs(timestamp - self._last_recovery) >= RECOVERY_PERIOD_S:
             self._last_recovery = timestamp
             gap = timestamp - self._apart_time if self._piece else self._unseen(timestamp)
+            gap = max(gap, 0.0)
             T_world_known = self._T_world_last if self._anchor is None else self._anchor[1]
             last, seen_last = min(self._period(timestamp), LONGEST_GAP_S), min(gap, LONGEST_GAP_S)
             expected = [
@@ -503,7 +509,10 @@ class Odometry:
                 self._witness.forget()  # what it saw from poses that were doubtful, or of a hand
                 self._background.forget()
                 self._last_good.forget()
-                sure, self._piece = self._sure and not self._piece, self._keyframe.piece
+                if not self._piece:  # it may be found in a piece that was left before
+                    self._apart_time = timestamp - self._unseen(timestamp)
+                sure = self._sure and not self._piece and not self._keyframe.piece
+                self._piece = self._keyframe.piece
                 if sure:
                     return self._accept(seen, Status.TRACKED, "", alignment)
                 self._doubt_time, self._doubt = timestamp, ASTRAY
@@ -512,12 +521,14 @@ class Odometry:
 
     def _is_expected_nowhere(self, timestamp: float) -> bool:
         """Whether it is lost for so long that it may begin anew, once images have settled."""
-        wanted = self.config.status.lost == "begin-anew" and self._keyframe is not None
+        wanted = self.config.status.lost == "begin-anew" and len(self._store) > 0
         return wanted and self._unseen(timestamp) > LONGEST_GAP_S - SETTLED_S
 
     def _begin_anew(self, seen: Seen) -> TrackedFrame | None:
         """Go on from where it was expected, once images fit one another."""
         timestamp = seen.frame.timestamp
+        if self._chain.rests(timestamp):
+            return None
         T_world_cam = self._T_world_last @ se3.exp(self._cruise * FADING_S)  # till it has faded
         keyframe = self._new_keyframe(seen, T_world_cam, self._pieces + 1)
         velocity = self._chain.join(seen, keyframe)
@@ -532,6 +543,7 @@ class Odometry:
         self._blind = bare  # edges that come back then are none that it knows
         self._anchor = (self._apart_time, T_world_cam) if bare else None
         self._take_keyframe(keyframe, keep=not bare)
+        self._chain.forget()
         self._search.forget()
         self._witness.forget()
         self._background.forget()
@@ -547,21 +559,23 @@ class Odometry:
     def _join(self, seen: Seen, alignment: Alignment) -> Alignment | None:
         """Look for what was seen before it began anew; where it is found, the piece is moved."""
         timestamp, earlier = seen.frame.timestamp, self._store.before(self._piece)
-        if abs(timestamp - self._last_join) < JOIN_PERIOD_S or not len(earlier):
+        gap = max(timestamp - self._apart_time, 0.0)
+        wait = min(JOIN_PERIOD_S * (1 + gap / JOIN_SLOWER_S), JOIN_LONGEST_S)
+        if abs(timestamp - self._last_join) < wait or not len(earlier):
             return None
         assert self._keyframe is not None
         self._last_join = timestamp
         T_world_cam = self._keyframe.T_world_key @ alignment.T_ref_cur
         with self._clock("recovery"):
-            found = self._search.everywhere(
-                earlier, earlier.newest(), seen, [T_world_cam], timestamp - self._apart_time
-            )
+            found = self._search.everywhere(earlier, earlier.newest(), seen, [T_world_cam], gap)
         if found is None:
             return None
         T_last_cur = se3.inverse(self._T_key_last) @ alignment.T_ref_cur
         self._keyframe, joined = found
-        T_found = self._keyframe.T_world_key @ joined.T_ref_cur
-        self._store.move(self._piece, self._keyframe.piece, T_found @ se3.inverse(T_world_cam))
+        T = self._keyframe.T_world_key @ joined.T_ref_cur @ se3.inverse(T_world_cam)
+        self._store.move(self._piece, self._keyframe.piece, T)
+        if self._anchor is not None:
+            self._anchor = self._anchor[0], T @ self._anchor[1]
         self._piece = self._keyframe.piece
         self._last_good.forget()
         self._T_key_last = joined.T_ref_cur @ se3.inverse(T_last_cur)
@@ -605,7 +619,8 @@ class Odometry:
         self._velocity = se3.log(T_last_cur) / period
         self._T_key_last = T_key_cur
         self._blind = False
-        self._search.forget()
+        if not self._piece:  # else a doubt lasts where it is to what was before
+            self._search.forget()
         self._chain.forget()
         if status is Status.TRACKED and self._is_doubtful(timestamp):
             status, reason = Status.DEGRADED, self._doubt
@@ -635,7 +650,8 @@ class Odometry:
             elif self._piece:
                 status, reason = Status.DEGRADED, ANEW
         share = alignment.inliers / len(registered.samples)
-        if self._sure and share > self.config.keyframes.min_overlap:
+        good = status is Status.TRACKED or (self._sure and reason == ANEW)
+        if good and share > self.config.keyframes.min_overlap and self.config.keyframes.stored:
             self._last_good.note(self._count, seen.frame, self._T_world_last)
         age = self._count - keyframe.index
         rule, better = self.config.keyframes, False
@@ -739,10 +755,11 @@ class Odometry:
         good = self._last_good.take()
         if good is None:
             return
-        known = [T for index, T in self._store.places() if index < good.index]
+        known = [T for index, T in self._store.places(self._piece) if index < good.index]
         if is_apart(good.T_world_cam, known):
+            seen = self._see(good.frame)
             with self._clock("keyframe"):
-                keyframe = self._new_keyframe(self._see(good.frame), good.T_world_cam, self._piece)
+                keyframe = self._new_keyframe(seen, good.T_world_cam, self._piece)
                 self._store.add(replace(keyframe, index=good.index))
 
     def _set_keyframe(self, seen: Seen) -> None:
@@ -812,6 +829,8 @@ class Odometry:
 
     def _mind_change(self, alignment: Alignment, timestamp: float) -> None:
         """Doubt what follows a frame that fits poorly what was seen just now."""
+        if self.config.status.sudden_change == "ignore":
+            return
         assert self._keyframe is not None
         age = timestamp - self._keyframe.timestamp
         if 0 <= age < JUST_NOW_S and self._judge.fits_poorly(alignment):

@@ -49,8 +49,9 @@ class TrackedFrame:
         named in its own camera.
     piece : int
         Which piece of the path it belongs to. 0 is that of the first frame; another one has begun
-        where the camera was expected after it was lost for a second: poses of one piece belong
-        together, but where it is to another is a guess. Its frames are at best ``DEGRADED``.
+        where the camera was expected after it was lost for a second: poses given for
+        one piece belong together, but where it is to another is a guess. Its frames are at best
+        ``DEGRADED``. Once it is found what was seen before, those that follow belong to that piece.
     """
 
     timestamp: float
