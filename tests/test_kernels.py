@@ -174,12 +174,17 @@ def test_back_project(rng):
 def test_pack_points(rng):
     offsets = rng.uniform(-1, 1, 200)
     normals, centres, sigma = rng.normal(size=(200, 3)), rng.normal(size=(200, 3)), rng.random(200)
-    wanted = offsets > 0
-    expected = normals[wanted], centres[wanted], sigma[wanted]
-    count = kernels.pack_points(offsets, normals, centres, sigma)
-    assert count == wanted.sum()
-    for packed, whole in zip((normals, centres, sigma), expected, strict=True):
-        np.testing.assert_array_equal(packed[:count], whole)
+
+    def pack():
+        given = normals.copy(), centres.copy(), sigma.copy()
+        count = kernels.pack_points(offsets, *given)
+        return [each[:count] for each in given]
+
+    packed, expected = both(
+        "pack_points", pack, lambda: [each[offsets > 0] for each in (normals, centres, sigma)]
+    )
+    for one, other in zip(packed, expected, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 # ------------------------------------------------------------------------------------- matching

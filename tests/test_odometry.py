@@ -194,7 +194,7 @@ def test_stages_are_timed(room):
     clock = StageClock()
     odometry = make(clock=clock)
     odometry.track(frames[0])
-    assert set(clock.take()) == {"edges", "sampling", "planes", "keyframe"}
+    assert set(clock.take()) == {"edges", "sampling", "planes", "keyframe", "witness"}
     odometry.track(frames[1])
     assert {"edges", "sampling", "registration"} <= set(clock.take())
 

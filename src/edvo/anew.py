@@ -23,7 +23,6 @@ SETTLED_S = 0.5  # for so long images fit one another: the search has looked thr
 CLOSE_S = 1.0  # images farther apart do not speak for one another
 NEAR_S = 0.2  # those farther apart are searched for
 REST_S = 0.1  # after an image that did not follow, which takes long to tell
-HARDLY_ANY = 5  # times the fewest edges that can be registered: with less depth has to tell
 
 
 class Chain:
@@ -38,8 +37,6 @@ class Chain:
     search : Search
         For frames that are far apart.
     judge : Judge
-    min_edges : int
-        The fewest edges with depth that an image is registered by.
     """
 
     def __init__(
@@ -49,11 +46,9 @@ class Chain:
         depth_alone: DepthAlone,
         search: Search,
         judge: Judge,
-        min_edges: int,
     ) -> None:
         self._registration, self._fitter, self._depth_alone = registration, fitter, depth_alone
         self._search, self._judge = search, judge
-        self._enough = HARDLY_ANY * min_edges
         self.forget()
 
     def forget(self) -> None:
@@ -104,7 +99,7 @@ class Chain:
         period = seen.frame.timestamp - last.timestamp
         if not 0 < period < CLOSE_S:
             return None
-        if len(seen.samples) < self._enough:
+        if self._depth_alone.has_to_tell(seen.samples):
             if period > NEAR_S:
                 return None  # nor would depth alone follow it
             found, _ = self._depth_alone.align(last, seen.samples, seen.points, np.eye(4))

@@ -21,6 +21,7 @@ from edvo.uncertainty import Uncertainty, constrained_directions, in_current_cam
 # in saying something is not the median: from a bad start it must not be cut off as an outlier.
 SCALES = (8.0, 2.0, 0.5)
 STOP = 0.003  # of what may be off: a smaller step is not worth another
+HARDLY_ANY = 5  # times the fewest edges that can be registered: too few to doubt depth by
 
 
 class DepthAlone:
@@ -45,6 +46,20 @@ class DepthAlone:
         self._limits = config.registration
         self._term = term
         self._uncertainty = uncertainty
+
+    def has_to_tell(self, samples: EdgePixels) -> bool:
+        """Whether a frame has hardly any edges with depth.
+
+        Parameters
+        ----------
+        samples : EdgePixels
+            Of the frame.
+
+        Returns
+        -------
+        bool
+        """
+        return len(samples) < HARDLY_ANY * self._limits.min_matches
 
     def align(
         self,

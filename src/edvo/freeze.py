@@ -1,13 +1,32 @@
 """A stream that freezes: no sensor gives the same image twice, for its noise."""
 
 import math
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from edvo.frame import Frame
 
+Pixel = TypeVar("Pixel", bound=np.generic)
+
 FREEZE_S = 0.3  # for so long images may repeat: a recorder wrote one twice
 STRIDE = 8  # one pixel in so many, by row and column, tells whether an image is a new one
+
+
+def glimpse(image: NDArray[Pixel]) -> NDArray[Pixel]:
+    """Give of an image what tells whether it is a new one.
+
+    Parameters
+    ----------
+    image : ndarray, shape (H, W)
+
+    Returns
+    -------
+    ndarray of the same type, shape (H / 8, W / 8)
+        A copy of every eighth pixel by row and column, packed.
+    """
+    return image[::STRIDE, ::STRIDE].copy()
 
 
 class Freeze:
@@ -30,7 +49,7 @@ class Freeze:
         bool
             False for an image of one grey, which may be that of a dark room, or of a wall.
         """
-        sight = frame.grey[::STRIDE, ::STRIDE].copy()  # packed, to be read thrice
+        sight = glimpse(frame.grey)
         if np.array_equal(sight, self._sight) and sight.min() < sight.max():
             self._times += 1
             return True

@@ -80,7 +80,17 @@ class KeyframeStore:
             del self._keyframes[self._most_crowded()]
 
     def places(self, piece: int) -> list[tuple[int, NDArray[np.float64]]]:
-        """Give the index and the pose of each that belongs to a piece."""
+        """Give the places of a piece.
+
+        Parameters
+        ----------
+        piece : int
+
+        Returns
+        -------
+        list of (int, ndarray of float64, shape (4, 4))
+            Index and T_world_key of each keyframe that belongs to it, oldest first.
+        """
         return [(key.index, key.T_world_key) for key in self._keyframes if key.piece == piece]
 
     def likest(self, view: NDArray[np.float64], count: int) -> list[Keyframe]:

@@ -2,29 +2,27 @@
 
 import logging
 import math
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from edvo import kernels, se3
-from edvo.anew import HARDLY_ANY, SETTLED_S, Chain
+from edvo import se3
+from edvo.anew import SETTLED_S, Chain
 from edvo.background import YOUNG_S, Background, Still
 from edvo.camera import Camera
-from edvo.chamfer import ChamferMap
 from edvo.clock import Clock, StageClock, no_clock
 from edvo.config import Config
 from edvo.depth_alone import DepthAlone
-from edvo.edges import EdgeBuffers, extract_edges
 from edvo.errors import FrameError, TrajectoryError
 from edvo.frame import Frame
-from edvo.freeze import FREEZE_S, STRIDE, Freeze
+from edvo.freeze import FREEZE_S, Freeze, glimpse
+from edvo.front_end import FrontEnd, rigid
 from edvo.information import Information
 from edvo.keyframes import Keyframe, KeyframeStore, is_due
 from edvo.last_good import LastGood
+from edvo.pieces import Pieces
 from edvo.planes import PlaneFitter
 from edvo.registration import Alignment, Registration
-from edvo.sampling import sample_edges
 from edvo.search import Search, Seen, is_apart
 from edvo.sharing import SharedErrors
 from edvo.status import Judge, Status, speed_of
@@ -37,7 +35,6 @@ __all__ = ["Odometry", "StageClock", "Status", "TrackedFrame"]
 
 logger = logging.getLogger(__name__)
 
-SEED_STRIDE = 1_000_003  # frames that seeds keep apart
 LONGEST_PREDICTION_S = 0.2  # beyond it a constant velocity says nothing about a hand
 CRUISE_S = 0.5  # that the velocity is averaged over which a lost camera is expected to keep
 LONGEST_GAP_S = 1.0  # for so long
@@ -56,8 +53,6 @@ CHANGED = "less than a second ago the view had changed at once"
 NOWHERE = "lost; looks like no place seen before"
 UNSURE = "after a stretch without edges they fit no place for sure"
 ANEW = "begun anew where it was expected; what was seen before has not been seen since"
-# It is looked for no more often than that, half as often after so long, and so seldom at last.
-JOIN_PERIOD_S, JOIN_SLOWER_S, JOIN_LONGEST_S = 0.5, 10.0, 2.0
 BACK_S = 1.0  # a clock that jumps back so far has begun anew
 FADING_S = 0.5  # that a velocity lasts which nothing confirms, where depth alone goes on
 NOMINAL_PERIOD_S = 1 / 30  # stands in where stamps repeat, all but repeat, or go back
@@ -94,7 +89,6 @@ class Odometry:
         self._clock = clock or no_clock
         if camera.is_distorted:
             camera.undistortion_table()  # a fifth of a second that the first frame need not wait
-        self._buffers = EdgeBuffers(camera.height, camera.width)
         self._registration = Registration(
             camera,
             self.config.matching,
@@ -103,6 +97,9 @@ class Odometry:
             start_stride=self.config.motion.prior_stride,
         )
         self._fitter = PlaneFitter(camera, self.config.planes)
+        self._front_end = FrontEnd(
+            camera, self.config, self._registration, self._fitter, self._clock
+        )
         self._uncertainty = Uncertainty(camera, self.config, self._registration.solver)
         self._shared = SharedErrors(camera, self.config.planes, self._registration.solver)
         self._depth_alone = DepthAlone(camera, self.config, self._fitter.term, self._uncertainty)
@@ -152,11 +149,8 @@ class Odometry:
             self._depth_alone,
             self._search,
             self._judge,
-            self.config.registration.min_matches,
         )
-        self._piece = self._pieces = 0  # of the path: the one it is in, and those begun since
-        self._apart_time = -math.inf  # when it was last known where it is to the first piece
-        self._last_join = -math.inf
+        self._pieces = Pieces()
         self._last_good.forget()
         self._witness.forget()
         self._background.forget()
@@ -201,7 +195,7 @@ class Odometry:
         if self._freeze.repeats(frame):
             return self._hold(frame.timestamp)
         self._sight_found = False
-        seen, least = self._see(frame), self.config.registration.min_matches
+        seen, least = self._front_end.see(frame, self._count), self.config.registration.min_matches
         if len(seen.samples) < least:
             few = f"{len(seen.samples)} edges with depth; {least} needed"
             return self._give_up(seen, few, None)
@@ -212,36 +206,21 @@ class Odometry:
             with self._clock("recovery"):
                 recovered = self._recover(seen)
             return recovered or self._give_up(seen, UNSURE if adrift else NOWHERE, None)
-        still = self._stand_still(seen) if self._is_moving(frame.timestamp) else None
-        if still is None:
-            alignment, status, reason = self._locate(seen)
-        else:
-            alignment, status, reason = still.alignment, Status.DEGRADED, MOVED
-        if status is Status.LOST and not self._is_moving(frame.timestamp):
-            still = self._stand_out(seen)
-            if still is not None:
-                alignment, status, reason = still.alignment, Status.DEGRADED, MOVED
+        alignment, status, reason, still = self._register(seen)
         if status is Status.LOST:
             found = None
-            if self._piece:  # it may be where it was before
+            if self._pieces.here:  # it may be where it was before
                 with self._clock("recovery"):
                     found = self._recover(seen)
             return found or self._give_up(seen, reason, alignment)
-        if self.config.status.max_conflict:
-            status, reason = self._question(seen, alignment, status, reason)
-            if still is None and self._is_noticed(frame.timestamp):
-                still = self._go_back(seen)
-                if still is not None:
-                    alignment = still.alignment
-                    status, reason = self._question(seen, alignment, Status.DEGRADED, MOVED)
+        alignment, status, reason, still = self._confirm(seen, alignment, status, reason, still)
         if status is Status.LOST:
             return self._lose_sight(seen, reason, alignment)
         if status is Status.DEGRADED and still is None:
             self._mind_change(alignment, frame.timestamp)
-        if self._piece:
-            joined = self._join(seen, alignment)
-            if joined is not None:
-                alignment, status, reason, still = joined, Status.DEGRADED, ASTRAY, None
+        joined = self._join(seen, alignment) if self._pieces.here else None
+        if joined is not None:
+            return self._accept(seen, Status.DEGRADED, ASTRAY, joined)
         return self._accept(seen, status, reason, alignment, still)
 
     def skip(self, timestamp: float, reason: str) -> TrackedFrame:
@@ -262,19 +241,36 @@ class Odometry:
         self._rewind(timestamp)
         return self._lose(timestamp, reason, 0, 0, None)
 
-    def _see(self, frame: Frame) -> Seen:
-        """Edges of a frame, those that are drawn of them, and what its depth says of planes."""
-        config = self.config
-        with self._clock("edges"):
-            edges = extract_edges(frame.grey, config.edges, self._buffers)
-        with self._clock("planes"):
-            points = self._fitter.points(frame.depth)
-        with self._clock("sampling"):
-            seed = config.seed * SEED_STRIDE + self._count
-            samples = sample_edges(
-                edges, frame.depth, self.camera, config.sampling, config.edges, seed
-            )
-        return Seen(frame, edges, samples, points)
+    def _register(self, seen: Seen) -> tuple[Alignment, Status, str, Still | None]:
+        """Register a frame with the keyframe: what stands still, where much moves, or all of it."""
+        moving = self._is_moving(seen.frame.timestamp)
+        still = self._stand_still(seen) if moving else None
+        if still is None:
+            alignment, status, reason = self._locate(seen)
+            if status is Status.LOST and not moving:
+                still = self._stand_out(seen)
+            if still is None:
+                return alignment, status, reason, None
+        return still.alignment, Status.DEGRADED, MOVED, still
+
+    def _confirm(
+        self,
+        seen: Seen,
+        alignment: Alignment,
+        status: Status,
+        reason: str,
+        still: Still | None,
+    ) -> tuple[Alignment, Status, str, Still | None]:
+        """Ask the depth of a moment ago, and register anew what stands still if something moves."""
+        if not self.config.status.max_conflict:
+            return alignment, status, reason, still
+        status, reason = self._question(seen, alignment, status, reason)
+        if still is None and self._is_noticed(seen.frame.timestamp):
+            still = self._go_back(seen)
+            if still is not None:
+                alignment = still.alignment
+                status, reason = self._question(seen, alignment, Status.DEGRADED, MOVED)
+        return alignment, status, reason, still
 
     def _locate(self, seen: Seen) -> tuple[Alignment, Status, str]:
         """Register a frame with the keyframe, and look farther afield where that is in doubt."""
@@ -360,7 +356,7 @@ class Odometry:
 
     def _give_up(self, seen: Seen, reason: str, alignment: Alignment | None) -> TrackedFrame:
         """Go on by depth where there are hardly any edges, or begin anew; else it is lost."""
-        bare = self._is_bare(seen)
+        bare = self._depth_alone.has_to_tell(seen.samples)
         if bare and not self._tells_by_depth(seen.frame):
             return self._lose_sight(seen, reason, alignment)
         if bare and self._period(seen.frame.timestamp) <= LONGEST_PREDICTION_S:
@@ -385,8 +381,8 @@ class Odometry:
         """Begin to count anew where a clock has jumped back, as a recording that starts over."""
         if self._last_time is not None and timestamp < self._last_time - BACK_S:
             self._last_time, self._last_recovery = timestamp, -math.inf
-            self._doubt_time = self._moving_time = self._last_join = -math.inf
-            self._apart_time = timestamp
+            self._doubt_time = self._moving_time = -math.inf
+            self._pieces.rewind(timestamp)
             self._chain.forget()
             self._background.forget()
             if self._anchor is not None:
@@ -405,13 +401,9 @@ class Odometry:
             return self._keep(timestamp, Status.DEGRADED, reason, T_key_cur, index)
         return self._lose(timestamp, reason, 0, 0, None)
 
-    def _is_bare(self, seen: Seen) -> bool:
-        """Whether a frame has hardly any edges with depth."""
-        return len(seen.samples) < HARDLY_ANY * self.config.registration.min_matches
-
     def _tells_by_depth(self, frame: Frame) -> bool:
         """Whether depth alone may say how a camera moves."""
-        sight = frame.depth[::STRIDE, ::STRIDE].copy()
+        sight = glimpse(frame.depth)
         fresh = not np.array_equal(sight, self._bare_depth)  # to the bit: depth is frozen
         self._bare_depth = sight
         planes = self.config.planes
@@ -494,8 +486,8 @@ class Odometry:
         timestamp = seen.frame.timestamp
         if abs(timestamp - self._last_recovery) >= RECOVERY_PERIOD_S:
             self._last_recovery = timestamp
-            gap = timestamp - self._apart_time if self._piece else self._unseen(timestamp)
-            gap = max(gap, 0.0)
+            apart = self._pieces.here
+            gap = self._pieces.gap(timestamp) if apart else self._unseen(timestamp)
             T_world_known = self._T_world_last if self._anchor is None else self._anchor[1]
             last, seen_last = min(self._period(timestamp), LONGEST_GAP_S), min(gap, LONGEST_GAP_S)
             expected = [
@@ -509,10 +501,8 @@ class Odometry:
                 self._witness.forget()  # what it saw from poses that were doubtful, or of a hand
                 self._background.forget()
                 self._last_good.forget()
-                if not self._piece:  # it may be found in a piece that was left before
-                    self._apart_time = timestamp - self._unseen(timestamp)
-                sure = self._sure and not self._piece and not self._keyframe.piece
-                self._piece = self._keyframe.piece
+                self._pieces.enter(self._keyframe.piece, timestamp - self._unseen(timestamp))
+                sure = self._sure and not apart and not self._pieces.here
                 if sure:
                     return self._accept(seen, Status.TRACKED, "", alignment)
                 self._doubt_time, self._doubt = timestamp, ASTRAY
@@ -530,18 +520,15 @@ class Odometry:
         if self._chain.rests(timestamp):
             return None
         T_world_cam = self._T_world_last @ se3.exp(self._cruise * FADING_S)  # till it has faded
-        keyframe = self._new_keyframe(seen, T_world_cam, self._pieces + 1)
+        keyframe = self._front_end.keyframe(seen, self._count, T_world_cam, self._pieces.following)
         velocity = self._chain.join(seen, keyframe)
         if velocity is None or self._unseen(timestamp) <= LONGEST_GAP_S:
             return None
-        if not self._piece:
-            self._apart_time = timestamp - self._unseen(timestamp)
-        bare = self._is_bare(seen)
-        self._pieces += 1
-        self._piece, self._last_join = self._pieces, timestamp
+        bare = self._depth_alone.has_to_tell(seen.samples)
+        self._pieces.begin(timestamp, timestamp - self._unseen(timestamp))
         self._T_world_last, self._velocity = T_world_cam, velocity
         self._blind = bare  # edges that come back then are none that it knows
-        self._anchor = (self._apart_time, T_world_cam) if bare else None
+        self._anchor = (self._pieces.since, T_world_cam) if bare else None
         self._take_keyframe(keyframe, keep=not bare)
         self._chain.forget()
         self._search.forget()
@@ -558,13 +545,14 @@ class Odometry:
 
     def _join(self, seen: Seen, alignment: Alignment) -> Alignment | None:
         """Look for what was seen before it began anew; where it is found, the piece is moved."""
-        timestamp, earlier = seen.frame.timestamp, self._store.before(self._piece)
-        gap = max(timestamp - self._apart_time, 0.0)
-        wait = min(JOIN_PERIOD_S * (1 + gap / JOIN_SLOWER_S), JOIN_LONGEST_S)
-        if abs(timestamp - self._last_join) < wait or not len(earlier):
+        timestamp = seen.frame.timestamp
+        if not self._pieces.may_ask(timestamp):
+            return None
+        piece, gap = self._pieces.here, self._pieces.gap(timestamp)
+        earlier = self._store.before(piece)
+        if not len(earlier):
             return None
         assert self._keyframe is not None
-        self._last_join = timestamp
         T_world_cam = self._keyframe.T_world_key @ alignment.T_ref_cur
         with self._clock("recovery"):
             found = self._search.everywhere(earlier, earlier.newest(), seen, [T_world_cam], gap)
@@ -573,10 +561,10 @@ class Odometry:
         T_last_cur = se3.inverse(self._T_key_last) @ alignment.T_ref_cur
         self._keyframe, joined = found
         T = self._keyframe.T_world_key @ joined.T_ref_cur @ se3.inverse(T_world_cam)
-        self._store.move(self._piece, self._keyframe.piece, T)
+        self._store.move(piece, self._keyframe.piece, T)
         if self._anchor is not None:
             self._anchor = self._anchor[0], T @ self._anchor[1]
-        self._piece = self._keyframe.piece
+        self._pieces.here = self._keyframe.piece
         self._last_good.forget()
         self._T_key_last = joined.T_ref_cur @ se3.inverse(T_last_cur)
         self._witness.forget()
@@ -598,8 +586,9 @@ class Odometry:
         self._last_time = timestamp = seen.frame.timestamp
         self._remember(seen)
         if self.config.status.max_conflict:
-            surface = self._witness.surface(seen.frame.depth)
-            self._witness.remember(timestamp, self._T_world_last, surface)
+            with self._clock("witness"):
+                surface = self._witness.surface(seen.frame.depth)
+                self._witness.remember(timestamp, self._T_world_last, surface)
         return self._keep(timestamp, Status.TRACKED, "", np.eye(4), -1, is_keyframe=True, seen=seen)
 
     def _accept(
@@ -619,7 +608,7 @@ class Odometry:
         self._velocity = se3.log(T_last_cur) / period
         self._T_key_last = T_key_cur
         self._blind = False
-        if not self._piece:  # else a doubt lasts where it is to what was before
+        if not self._pieces.here:  # else a doubt lasts where it is to what was before
             self._search.forget()
         self._chain.forget()
         if status is Status.TRACKED and self._is_doubtful(timestamp):
@@ -647,7 +636,7 @@ class Odometry:
                 status, reason = Status.DEGRADED, f"not constrained: {', '.join(degenerate)}"
             elif self._is_doubtful(timestamp):
                 status, reason = Status.DEGRADED, self._doubt
-            elif self._piece:
+            elif self._pieces.here:
                 status, reason = Status.DEGRADED, ANEW
         share = alignment.inliers / len(registered.samples)
         good = status is Status.TRACKED or (self._sure and reason == ANEW)
@@ -721,7 +710,7 @@ class Odometry:
             alignment=alignment,
             covariance=covariance,
             degenerate=degenerate,
-            piece=self._piece,
+            piece=self._pieces.here,
         )
 
     def _lose(
@@ -747,7 +736,7 @@ class Odometry:
             edges=edges,
             samples=samples,
             alignment=alignment,
-            piece=self._piece,
+            piece=self._pieces.here,
         )
 
     def _store_last_good(self) -> None:
@@ -755,31 +744,18 @@ class Odometry:
         good = self._last_good.take()
         if good is None:
             return
-        known = [T for index, T in self._store.places(self._piece) if index < good.index]
+        piece = self._pieces.here
+        known = [T for index, T in self._store.places(piece) if index < good.index]
         if is_apart(good.T_world_cam, known):
-            seen = self._see(good.frame)
+            seen = self._front_end.see(good.frame, self._count)
             with self._clock("keyframe"):
-                keyframe = self._new_keyframe(seen, good.T_world_cam, self._piece)
-                self._store.add(replace(keyframe, index=good.index))
+                self._store.add(self._front_end.keyframe(seen, good.index, good.T_world_cam, piece))
 
     def _set_keyframe(self, seen: Seen) -> None:
         with self._clock("keyframe"):
-            self._take_keyframe(self._new_keyframe(seen, self._T_world_last, self._piece))
-
-    def _new_keyframe(self, seen: Seen, T_world_key: NDArray[np.float64], piece: int) -> Keyframe:
-        edges = seen.edges.describe(self.camera)
-        return Keyframe(
-            index=self._count,
-            T_world_key=_rigid(T_world_key),
-            edges=self._registration.index(edges),
-            planes=self._fitter.planes(seen.frame.depth),
-            samples=seen.samples,
-            points=seen.points,
-            view=seen.edges.view(),
-            chamfer=ChamferMap(edges, self.camera),
-            timestamp=seen.frame.timestamp,
-            piece=piece,
-        )
+            self._take_keyframe(
+                self._front_end.keyframe(seen, self._count, self._T_world_last, self._pieces.here)
+            )
 
     def _take_keyframe(self, keyframe: Keyframe, *, keep: bool = True) -> None:
         self._keyframe, self._T_key_last = keyframe, np.eye(4)
@@ -871,17 +847,10 @@ def _checked(T: NDArray[np.float64]) -> NDArray[np.float64]:
     T = np.asarray(T, np.float64)
     if T.shape == (4, 4) and np.isfinite(T).all():
         R = T[:3, :3]
-        rigid = np.abs(R @ R.T - np.eye(3)).max() < 1e-3 and np.linalg.det(R) > 0
-        if rigid and (T[3] == (0, 0, 0, 1)).all():
-            return _rigid(T)
+        turns = np.abs(R @ R.T - np.eye(3)).max() < 1e-3 and np.linalg.det(R) > 0
+        if turns and (T[3] == (0, 0, 0, 1)).all():
+            return rigid(T)
     raise TrajectoryError(
         f"T_world_cam is no rigid motion: {T.shape} {T.ravel().tolist()!s:.60}; give a 4 x 4 "
         "matrix of a rotation and a translation"
     )
-
-
-def _rigid(T: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Copy with an exact rotation: products drift off the group, and predictions amplify that."""
-    result = np.array(T, np.float64)
-    kernels.orthonormalize(result)
-    return result

@@ -206,11 +206,10 @@ class Search:
         starts += [(key, se3.inverse(key.T_world_key) @ T) for key in likest for T in expected]
         starts = [*self._rivals, *self._glance(starts, seen)]
         promising = self._promising(hunt, starts)
+        best_poses = [T_world_cam for _, T_world_cam in promising[:1]]
         for key in (last, *likest):  # what one of them shows too little of another may show
-            for _, T_world_cam in promising[:1]:
-                taken = [T for other, T in promising if other is key]
-                if is_apart(T_world_cam, taken):
-                    promising.append((key, T_world_cam))
+            taken = [T for other, T in promising if other is key]
+            promising += [(key, T) for T in best_poses if is_apart(T, taken)]
         rivals = self._with_rivals(hunt, self._look_closely(hunt, promising))
         if not rivals:
             return None  # a doubt outlives a frame that fits nothing

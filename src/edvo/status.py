@@ -68,23 +68,11 @@ class Judge:
         if alignment.reason in FAILURES:
             return Status.LOST, alignment.reason
         status = self._status
-        fitting = alignment.inliers / len(alignment.matches)
-        agreeing = alignment.agreeing / len(alignment.matches)
-        few = f"only {fitting:.0%} of the samples fit"
-        unlike = f"only {agreeing:.0%} of the samples fit edges that are turned alike"
-        if fitting < status.min_inliers:
-            return Status.LOST, few
-        if agreeing < status.min_agreeing:
-            return Status.LOST, unlike
+        if misfit := _misfit(alignment, status.min_inliers, status.min_agreeing):
+            return Status.LOST, misfit
         if jump := self._jump(speed, turn):
             return Status.LOST, jump
-        doubt = ""
-        if not alignment.converged:
-            doubt = alignment.reason
-        elif fitting < status.doubt_inliers:
-            doubt = few
-        elif agreeing < status.doubt_agreeing:
-            doubt = unlike
+        doubt = self._poor_fit(alignment) if alignment.converged else alignment.reason
         if doubt and alignment.depth_balance and alignment.sigma_depth > status.max_depth_sigma:
             return Status.LOST, f"{doubt}, and depth contradicts the edges"
         if not doubt and alignment.sigma_depth > self._tolerated:
@@ -143,11 +131,11 @@ class Judge:
         -------
         bool
         """
-        status, samples = self._status, len(alignment.matches)
-        return (
-            alignment.inliers < status.doubt_inliers * samples
-            or alignment.agreeing < status.doubt_agreeing * samples
-        )
+        return bool(self._poor_fit(alignment))
+
+    def _poor_fit(self, alignment: Alignment) -> str:
+        """Why the fit is in doubt; empty where it is not."""
+        return _misfit(alignment, self._status.doubt_inliers, self._status.doubt_agreeing)
 
     def is_sure(self, alignment: Alignment, *, seen_only: bool = False) -> bool:
         """Whether a registration is good enough to say where the camera is from nothing.
@@ -171,6 +159,17 @@ class Judge:
             and alignment.agreeing >= status.doubt_agreeing * samples
             and not (alignment.depth_balance and alignment.sigma_depth > status.max_depth_sigma)
         )
+
+
+def _misfit(alignment: Alignment, least_fitting: float, least_agreeing: float) -> str:
+    """Say which share of the samples is below its bound; empty where none is."""
+    fitting = alignment.inliers / len(alignment.matches)
+    agreeing = alignment.agreeing / len(alignment.matches)
+    if fitting < least_fitting:
+        return f"only {fitting:.0%} of the samples fit"
+    if agreeing < least_agreeing:
+        return f"only {agreeing:.0%} of the samples fit edges that are turned alike"
+    return ""
 
 
 def speed_of(T: NDArray[np.float64], seconds: float) -> tuple[float, float]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 from rosbags.rosbag1 import Writer
 
@@ -33,6 +34,12 @@ class Device:
     def streams(self) -> tuple[tuple[Camera, str, Sequence[float]], ...]:
         """Depth's and colour's, as the SDK numbers them."""
         return (self.depth, "Brown Conrady", ZERO), (self.colour, self.model, self.coefficients)
+
+
+def load_sdk() -> Any:
+    """The SDK, which does not load where the system has no libusb; the test is then skipped."""
+    reason = "pip install 'edvo[realsense]', which needs libusb-1.0"
+    return pytest.importorskip("pyrealsense2", reason=reason, exc_type=ImportError)
 
 
 Images = Sequence[tuple[float, NDArray[np.uint8], NDArray[np.uint16]]]
@@ -114,8 +121,7 @@ def write_old(path: Path, device: Device, images: Images, **changes: Any) -> Pat
 
 def write_new(path: Path, device: Device, images: Images) -> Path:
     """Have the SDK itself write a .db3, of its software device: version 2.58 and after."""
-    import pyrealsense2 as rs
-
+    rs = load_sdk()
     software = rs.software_device()
     streams = add_streams(software, device)
     recorder = rs.recorder(str(path), software)

@@ -16,7 +16,7 @@ from edvo.synthesis.sequence import SyntheticSource, make_recipe, write_sequence
 
 pytest.importorskip("rosbags", reason="pip install 'edvo[ros]'")
 
-from .realsense_files import Device, intrinsics, write_new, write_old
+from .realsense_files import Device, intrinsics, load_sdk, write_new, write_old
 
 CAMERA = Camera(160, 120, 150.0, 151.0, 79.0, 60.5)
 INVERSE = (0.09, -0.05, 0.001, 0.002, 0.01)
@@ -46,7 +46,7 @@ def images(source: SyntheticSource, units: float) -> list[tuple[float, Any, Any]
 def write(kind: str, path: Path, device: Device, shown: Any) -> Path:
     if kind == "bag":
         return write_old(path.with_suffix(".bag"), device, shown)
-    pytest.importorskip("pyrealsense2", reason="pip install 'edvo[realsense]'")
+    load_sdk()
     written = write_new(path.with_suffix(".db3"), device, shown)
     gc.collect()  # the SDK closes the file when nothing holds it any more
     with written.open("rb") as stream:
@@ -86,7 +86,7 @@ def test_tracked_as_the_folder_it_was_made_from(
 @pytest.mark.parametrize("kind", ["bag", "db3"])
 def test_says_what_the_sdk_says(source: SyntheticSource, tmp_path: Path, kind: str) -> None:
     """The SDK plays the file, and aligns depth to colour; so do we."""
-    rs = pytest.importorskip("pyrealsense2", reason="pip install 'edvo[realsense]'")
+    rs = load_sdk()
     depth_camera = Camera(160, 120, 140.0, 141.0, 80.0, 59.0)
     device = Device(CAMERA, depth_camera, OFFSET, units=0.0005, coefficients=INVERSE)
     path = write(kind, tmp_path / "recorded", device, images(source, device.units))
@@ -135,7 +135,7 @@ def test_says_what_the_sdk_says(source: SyntheticSource, tmp_path: Path, kind: s
     "model", ["Brown Conrady", "Modified Brown Conrady", "Inverse Brown Conrady"]
 )
 def test_distortion_is_the_sdks(model: str) -> None:
-    rs = pytest.importorskip("pyrealsense2", reason="pip install 'edvo[realsense]'")
+    rs = load_sdk()
     told = intrinsics(CAMERA, model, INVERSE)
     ours = realsense_camera(
         (160, 120),

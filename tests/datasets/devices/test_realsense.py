@@ -5,6 +5,7 @@ import threading
 import time
 from collections.abc import Iterator
 from itertools import count
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from edvo.errors import DatasetError, MissingExtraError
 from edvo.odometry import Odometry
 from edvo.report.live import track_device
 
-from ..realsense_files import Device, add_streams  # noqa: TID252 - as in cli/
+from ..realsense_files import Device, add_streams, load_sdk  # noqa: TID252 - as in cli/
 
 CAMERA = Camera(640, 480, 600.0, 601.0, 320.5, 241.25)
 DEPTH = Camera(640, 480, 590.0, 590.0, 322.0, 238.0)
@@ -27,7 +28,7 @@ class Software:
     """A software device that shows a wall 1.5 m away, 30 times a second."""
 
     def __init__(self, *, colour: bool = True) -> None:
-        rs = pytest.importorskip("pyrealsense2", reason="pip install 'edvo[realsense]'")
+        rs = load_sdk()
         self.device = rs.software_device()
         self.device.register_info(rs.camera_info.name, "Fake D435")
         self.device.register_info(rs.camera_info.serial_number, "0123")
@@ -134,9 +135,19 @@ def test_depth_alone_is_not_enough() -> None:
 
 
 def test_no_camera_is_connected() -> None:
-    pytest.importorskip("pyrealsense2", reason="pip install 'edvo[realsense]'")
+    load_sdk()
     with pytest.raises(DatasetError, match="realsense: no camera"):
         open_device("realsense:999")
+
+
+def test_without_a_library_of_the_system(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """As on a machine that has no libusb: there pip install would not help."""
+    monkeypatch.delitem(sys.modules, "pyrealsense2", raising=False)
+    (tmp_path / "pyrealsense2.py").write_text("raise ImportError('libusb-1.0.so.0: no such file')")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(MissingExtraError, match=r"libusb-1\.0.*package manager") as caught:
+        open_device("realsense")
+    assert "pip" not in str(caught.value)
 
 
 def test_without_the_package(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -30,8 +30,13 @@ def load_package(module: str, extra: str, distribution: str | None = None) -> An
     """
     try:
         return import_module(module)
-    except ImportError as error:
+    except ModuleNotFoundError as error:
         wanted = f"'edvo[{extra}]'" if extra else distribution or module
         raise MissingExtraError(
-            f"this camera needs {module}, which does not load ({error}); pip install {wanted}"
+            f"this camera needs {module}, which is not installed ({error}); pip install {wanted}"
+        ) from error
+    except ImportError as error:
+        raise MissingExtraError(
+            f"this camera needs {module}, which does not load: {error}; install what that names "
+            "with the system's package manager"
         ) from error

@@ -1,0 +1,124 @@
+"""What is made of an image before its pose is known, and of that a keyframe."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edvo import kernels
+from edvo.camera import Camera
+from edvo.chamfer import ChamferMap
+from edvo.clock import Clock
+from edvo.config import Config
+from edvo.edges import EdgeBuffers, extract_edges
+from edvo.frame import Frame
+from edvo.keyframes import Keyframe
+from edvo.planes import PlaneFitter
+from edvo.registration import Registration
+from edvo.sampling import sample_edges
+from edvo.search import Seen
+
+SEED_STRIDE = 1_000_003  # frames that seeds keep apart
+
+
+class FrontEnd:
+    """Sees frames, and makes keyframes of what it has seen.
+
+    Parameters
+    ----------
+    camera : Camera
+        Of the frames to come.
+    config : Config
+    registration : Registration
+        Which the keyframes are for.
+    fitter : PlaneFitter
+    clock : Clock
+        Told which stage runs.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        config: Config,
+        registration: Registration,
+        fitter: PlaneFitter,
+        clock: Clock,
+    ) -> None:
+        self._camera, self._config, self._clock = camera, config, clock
+        self._registration, self._fitter = registration, fitter
+        self._buffers = EdgeBuffers(camera.height, camera.width)
+
+    def see(self, frame: Frame, index: int) -> Seen:
+        """Find edges, draw some of them, and ask the depth image for planes.
+
+        Parameters
+        ----------
+        frame : Frame
+            Of the size of the camera.
+        index : int
+            Number of the frame, which decides what is drawn.
+
+        Returns
+        -------
+        Seen
+            Its gradients last until the next frame is seen.
+        """
+        config = self._config
+        with self._clock("edges"):
+            edges = extract_edges(frame.grey, config.edges, self._buffers)
+        with self._clock("planes"):
+            points = self._fitter.points(frame.depth)
+        with self._clock("sampling"):
+            seed = config.seed * SEED_STRIDE + index
+            samples = sample_edges(
+                edges, frame.depth, self._camera, config.sampling, config.edges, seed
+            )
+        return Seen(frame, edges, samples, points)
+
+    def keyframe(
+        self, seen: Seen, index: int, T_world_key: NDArray[np.float64], piece: int
+    ) -> Keyframe:
+        """Make a keyframe.
+
+        Parameters
+        ----------
+        seen : Seen
+            The frame that was seen last.
+        index : int
+            Its number.
+        T_world_key : ndarray of float64, shape (4, 4)
+        piece : int
+            Of the path.
+
+        Returns
+        -------
+        Keyframe
+        """
+        edges = seen.edges.describe(self._camera)
+        return Keyframe(
+            index=index,
+            T_world_key=rigid(T_world_key),
+            edges=self._registration.index(edges),
+            planes=self._fitter.planes(seen.frame.depth),
+            samples=seen.samples,
+            points=seen.points,
+            view=seen.edges.view(),
+            chamfer=ChamferMap(edges, self._camera),
+            timestamp=seen.frame.timestamp,
+            piece=piece,
+        )
+
+
+def rigid(T: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Make a rotation exact: products drift off the group, and predictions amplify that.
+
+    Parameters
+    ----------
+    T : ndarray of float64, shape (4, 4)
+
+    Returns
+    -------
+    ndarray of float64, shape (4, 4)
+        A copy.
+    """
+    result = np.array(T, np.float64)
+    kernels.orthonormalize(result)
+    return result
