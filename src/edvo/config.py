@@ -292,6 +292,12 @@ class MotionConfig(Section):
     prior_stride: Annotated[int, Field(ge=1)] = Field(
         default=8, description="the check looks at one sample in so many"
     )
+    depth_delay: Literal["measured", "none"] = Field(
+        default="measured",
+        description="from the instant of a colour image to that of its depth: measured while "
+        "tracking, and what the camera moves by in between made up for, or taken to be none. Not "
+        "in the paper",
+    )
     search_deg: Annotated[float, Field(ge=0, le=45)] = Field(
         default=24.0,
         description="where a registration is in doubt, or a step is a far one, turns of the camera "
@@ -540,7 +546,7 @@ PRESETS: dict[str, dict[str, Any]] = {
     "paper": {
         "edges": {"strong_share": 0.0, "position": "pixel"},
         "planes": {"weight": 0.0, "alone_share": 0.0, "edge_doubt_rule": "fixed"},
-        "motion": {"search_deg": 0.0, "prior_stride": 4},
+        "motion": {"search_deg": 0.0, "prior_stride": 4, "depth_delay": "none"},
         "keyframes": {"stored": 0},
         "sampling": {"count": 450},
         "registration": {"weight": "t", "first_sigma_px": 0.0, "first_samples": 0},

@@ -38,6 +38,9 @@ class Frame:
         C-contiguous; a read-only view, not a copy.
     depth : ndarray of float32, shape (H, W)
         Depth along z in metres, 0 where missing; C-contiguous; a read-only view, not a copy.
+    depth_delay : float
+        Seconds from the instant of the grey image to that of the depth image, as far as their
+        stamps tell; negative where depth is the older one. 0 where they are taken at once.
 
     Raises
     ------
@@ -50,6 +53,7 @@ class Frame:
     timestamp: float
     grey: NDArray[np.uint8]
     depth: NDArray[np.float32]
+    depth_delay: float = 0.0
 
     def __post_init__(self) -> None:
         try:
@@ -59,6 +63,8 @@ class Frame:
         if not math.isfinite(timestamp):
             raise FrameError(f"timestamp is {self.timestamp!r}; give finite seconds")
         object.__setattr__(self, "timestamp", timestamp)
+        if not math.isfinite(self.depth_delay):
+            raise FrameError(f"depth_delay is {self.depth_delay}; give finite seconds")
         _check_image("grey", self.grey, np.dtype(np.uint8))
         _check_image("depth", self.depth, np.dtype(np.float32))
         _check_same_size("grey", self.grey, self.depth)
@@ -86,6 +92,7 @@ class Frame:
         *,
         depth_scale: float = 1000.0,
         order: Literal["bgr", "rgb"] = "bgr",
+        depth_delay: float = 0.0,
     ) -> "Frame":
         """Build a frame from the images that cameras and files deliver.
 
@@ -102,6 +109,8 @@ class Frame:
             uint16 value of one metre: 1000 for millimetres, 5000 for TUM files.
         order : {"bgr", "rgb"}
             Order of the colour channels; OpenCV delivers BGR.
+        depth_delay : float
+            Seconds from the instant of ``colour`` to that of ``depth``.
 
         Returns
         -------
@@ -124,7 +133,8 @@ class Frame:
         1.5
         """
         _check_same_size("colour", _array("colour", colour), _array("depth", depth))
-        return cls(timestamp, _to_grey(colour, order), _to_metres(depth, depth_scale))
+        grey, metres = _to_grey(colour, order), _to_metres(depth, depth_scale)
+        return cls(timestamp, grey, metres, depth_delay)
 
 
 def register_depth(

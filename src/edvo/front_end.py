@@ -46,7 +46,7 @@ class FrontEnd:
         self._registration, self._fitter = registration, fitter
         self._buffers = EdgeBuffers(camera.height, camera.width)
 
-    def see(self, frame: Frame, index: int) -> Seen:
+    def see(self, frame: Frame, index: int, T_cam_depth: NDArray[np.float64] | None = None) -> Seen:
         """Find edges, draw some of them, and ask the depth image for planes.
 
         Parameters
@@ -65,13 +65,19 @@ class FrontEnd:
         with self._clock("edges"):
             edges = extract_edges(frame.grey, config.edges, self._buffers)
         with self._clock("planes"):
-            points = self._fitter.points(frame.depth)
+            points = self._fitter.points(frame.depth, T_cam_depth)
         with self._clock("sampling"):
             seed = config.seed * SEED_STRIDE + index
             samples = sample_edges(
-                edges, frame.depth, self._camera, config.sampling, config.edges, seed
+                edges,
+                frame.depth,
+                self._camera,
+                config.sampling,
+                config.edges,
+                seed,
+                T_cam_depth,
             )
-        return Seen(frame, edges, samples, points)
+        return Seen(frame, edges, samples, points, T_cam_depth)
 
     def keyframe(
         self, seen: Seen, index: int, T_world_key: NDArray[np.float64], piece: int
@@ -97,7 +103,7 @@ class FrontEnd:
             index=index,
             T_world_key=rigid(T_world_key),
             edges=self._registration.index(edges),
-            planes=self._fitter.planes(seen.frame.depth),
+            planes=self._fitter.planes(seen.frame.depth, seen.T_cam_depth),
             samples=seen.samples,
             points=seen.points,
             view=seen.edges.view(),

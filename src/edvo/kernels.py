@@ -558,6 +558,84 @@ def match_planes(
     return count
 
 
+@compiled
+def shift_pixel(
+    u: float, v: float, z: float, camera: Pinhole, T: F64
+) -> tuple[float, float, float]:
+    """How far a pixel moves, and how its depth changes, where its point is moved by T."""
+    x, y = (u - camera.cx) / camera.fx * z, (v - camera.cy) / camera.fy * z
+    px = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
+    py = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
+    pz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+    if pz < MIN_DEPTH:
+        return 0.0, 0.0, 0.0
+    return camera.fx * px / pz + camera.cx - u, camera.fy * py / pz + camera.cy - v, pz - z
+
+
+@compiled
+def shift_nodes(depth: F32, nodes: I32, table: F32, camera: Pinhole, T: F64, moved: I32) -> None:
+    """Write where in a depth image the surface lies that is to be at each node after a motion.
+
+    T maps points from after the motion to before it. Nodes are raw pixels, inside or not.
+    """
+    height, width = depth.shape
+    for k in range(nodes.shape[0]):
+        u0, v0 = nodes[k, 0], nodes[k, 1]
+        moved[k, 0], moved[k, 1] = u0, v0
+        if not (0 <= u0 < width and 0 <= v0 < height):
+            continue
+        z = np.float64(depth[v0, u0])
+        cu, cv = np.float64(u0), np.float64(v0)
+        if table.size > 0:
+            cu, cv = np.float64(table[v0, u0, 0]), np.float64(table[v0, u0, 1])
+        for _ in range(2):
+            if z <= 0:
+                break
+            du, dv, dz = shift_pixel(cu, cv, z, camera, T)
+            u, v = int(np.floor(u0 + du + 0.5)), int(np.floor(v0 + dv + 0.5))
+            moved[k, 0], moved[k, 1] = u, v
+            if not (0 <= u < width and 0 <= v < height):
+                break
+            z = np.float64(depth[v, u]) - dz if depth[v, u] > 0 else np.float64(0)
+
+
+@compiled
+def move_planes(T: F64, normals: F64, offsets: F64, centres: F64) -> None:
+    """Move planes, and the points that they were fitted round, by T, in place."""
+    for k in range(offsets.size):
+        x, y, z = normals[k, 0], normals[k, 1], normals[k, 2]
+        px, py, pz = centres[k, 0], centres[k, 1], centres[k, 2]
+        along = 0.0
+        for i in range(3):
+            normals[k, i] = T[i, 0] * x + T[i, 1] * y + T[i, 2] * z
+            centres[k, i] = T[i, 0] * px + T[i, 1] * py + T[i, 2] * pz + T[i, 3]
+            along += normals[k, i] * T[i, 3]
+        if offsets[k] > 0:
+            offsets[k] += along
+
+
+@compiled
+def depth_equations(
+    planes: PlaneMap,
+    points: PlanePoints,
+    camera: Pinhole,
+    T: F64,
+    term: DepthTerm,
+    sigma: float,
+    scale: float,
+    H: F64,
+    b: F64,
+) -> None:
+    """Match points with planes at T, and write ``scale`` times what they add to H and b."""
+    near = new_plane_matches(points.sigma.size)
+    count = match_planes(planes, points, camera, T, term, near)
+    plane_equations(near, count, sigma, H, b)
+    for i in range(6):
+        b[i] *= scale
+        for j in range(6):
+            H[i, j] *= scale
+
+
 # ------------------------------------------------------------------------------------- sampling
 
 
@@ -577,6 +655,41 @@ def draw(pool: I32, first: np.int64, last: np.int64, state: NDArray[np.uint64]) 
     k = first + int(next_random(state) % np.uint64(last - first))
     pool[first], pool[k] = pool[k], pool[first]
     return pool[first]
+
+
+@compiled
+def delayed_depths(
+    index: I32,
+    which: I32,
+    depth: F32,
+    table: F32,
+    camera: Pinhole,
+    T_depth_cam: F64,
+    radius: int,
+    gap: float,
+    depths: F32,
+) -> None:
+    """Overwrite the depths (m) of edges by those that a depth image of another instant shows.
+
+    Looked up where the edge was at that instant, by the depth given, and once more by the one
+    found. Where none is found the one given stays.
+    """
+    height, width = depth.shape
+    for k in range(which.size):
+        v0 = index[which[k]] // width
+        u0 = index[which[k]] - v0 * width
+        cu, cv = np.float64(u0), np.float64(v0)
+        if table.size > 0:
+            cu, cv = np.float64(table[v0, u0, 0]), np.float64(table[v0, u0, 1])
+        for _ in range(2):
+            du, dv, dz = shift_pixel(cu, cv, np.float64(depths[k]), camera, T_depth_cam)
+            u, v = int(np.floor(u0 + du + 0.5)), int(np.floor(v0 + dv + 0.5))
+            if not (0 <= u < width and 0 <= v < height):
+                break
+            z = depth_at(depth, u, v, radius, gap)
+            if not z - dz > MIN_DEPTH:
+                break
+            depths[k] = z - dz
 
 
 @compiled

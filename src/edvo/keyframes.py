@@ -79,6 +79,15 @@ class KeyframeStore:
         if len(self._keyframes) > self._capacity:
             del self._keyframes[self._most_crowded()]
 
+    def replace(self, keyframe: Keyframe, by: Keyframe) -> None:
+        """Put another in the place of a keyframe, if that is still there.
+
+        Parameters
+        ----------
+        keyframe, by : Keyframe
+        """
+        self._keyframes = [by if each is keyframe else each for each in self._keyframes]
+
     def places(self, piece: int) -> list[tuple[int, NDArray[np.float64]]]:
         """Give the places of a piece.
 

@@ -2,6 +2,7 @@
 
 import logging
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from edvo.background import YOUNG_S, Background, Still
 from edvo.camera import Camera
 from edvo.clock import Clock, StageClock, no_clock
 from edvo.config import Config
+from edvo.delay import DepthDelay
 from edvo.depth_alone import DepthAlone
 from edvo.errors import FrameError, TrajectoryError
 from edvo.frame import Frame
@@ -102,6 +104,11 @@ class Odometry:
         )
         self._uncertainty = Uncertainty(camera, self.config, self._registration.solver)
         self._shared = SharedErrors(camera, self.config.planes, self._registration.solver)
+        self._delay = DepthDelay(
+            camera,
+            self._fitter,
+            is_on=self.config.motion.depth_delay == "measured",
+        )
         self._depth_alone = DepthAlone(camera, self.config, self._fitter.term, self._uncertainty)
         self._witness = Witness(camera, self.config.planes.sensor)
         self._background = Background(camera, self._registration, self._fitter)
@@ -143,6 +150,7 @@ class Odometry:
             self.camera, self.config, self._registration, self._fitter, self._judge
         )
         self._shared.forget()
+        self._delay.forget()
         self._chain = Chain(
             self._registration,
             self._fitter,
@@ -195,7 +203,8 @@ class Odometry:
         if self._freeze.repeats(frame):
             return self._hold(frame.timestamp)
         self._sight_found = False
-        seen, least = self._front_end.see(frame, self._count), self.config.registration.min_matches
+        seen = self._front_end.see(frame, self._count, self._lead(frame))
+        least = self.config.registration.min_matches
         if len(seen.samples) < least:
             few = f"{len(seen.samples)} edges with depth; {least} needed"
             return self._give_up(seen, few, None)
@@ -582,7 +591,7 @@ class Odometry:
 
     def _begin(self, seen: Seen) -> TrackedFrame:
         """Take the first usable frame as the first keyframe."""
-        self._set_keyframe(seen)
+        self._set_keyframe(seen, None)
         self._last_time = timestamp = seen.frame.timestamp
         self._remember(seen)
         if self.config.status.max_conflict:
@@ -605,6 +614,7 @@ class Odometry:
         keyframe, T_key_cur = self._keyframe, alignment.T_ref_cur
         timestamp = seen.frame.timestamp
         T_last_cur, period = self._moved(T_key_cur, timestamp)
+        is_close = period <= LONGEST_PREDICTION_S
         self._velocity = se3.log(T_last_cur) / period
         self._T_key_last = T_key_cur
         self._blind = False
@@ -617,6 +627,7 @@ class Odometry:
         if self._sure:
             self._judge.note(alignment)
             self._shared.note(keyframe.edges.edges, alignment, period)
+            self._delay.note(keyframe, registered, alignment, period)
             self._cruise += (self._velocity - self._cruise) * min(period / CRUISE_S, 1.0)
         self._T_world_last = keyframe.T_world_key @ T_key_cur
         covariance: NDArray[np.float64] | None = None
@@ -648,7 +659,9 @@ class Odometry:
             better = self._information.is_better(covariance, period)
         due = self._anchor is None and is_due(rule, T_key_cur, share, age, well_placed=better)
         if due:
-            self._set_keyframe(seen)
+            self._set_keyframe(seen, self._velocity if is_close else None)
+        elif is_close:
+            self._renew_keyframe()
         return self._keep(
             timestamp,
             status,
@@ -666,7 +679,12 @@ class Odometry:
         """Keep the depth of a frame whose pose is known, to tell later what has moved."""
         if self._leaves_out:
             timestamp = seen.frame.timestamp
-            self._background.remember(timestamp, self._T_world_last, seen.frame.depth)
+            T = (
+                self._T_world_last
+                if seen.T_cam_depth is None
+                else self._T_world_last @ seen.T_cam_depth
+            )
+            self._background.remember(timestamp, T, seen.frame.depth)
 
     def _covariance(self, key: Keyframe, seen: Seen, alignment: Alignment) -> NDArray[np.float64]:
         """Of the motion found."""
@@ -751,11 +769,25 @@ class Odometry:
             with self._clock("keyframe"):
                 self._store.add(self._front_end.keyframe(seen, good.index, good.T_world_cam, piece))
 
-    def _set_keyframe(self, seen: Seen) -> None:
+    def _set_keyframe(self, seen: Seen, velocity: NDArray[np.float64] | None) -> None:
+        """Make a frame the keyframe, its depth moved by the velocity where that is known."""
         with self._clock("keyframe"):
-            self._take_keyframe(
-                self._front_end.keyframe(seen, self._count, self._T_world_last, self._pieces.here)
+            if velocity is not None:  # measured by now, no longer expected
+                seen = replace(seen, T_cam_depth=self._delay.motion(velocity, seen.frame))
+            keyframe = self._front_end.keyframe(
+                seen, self._count, self._T_world_last, self._pieces.here
             )
+            self._take_keyframe(keyframe)
+            self._delay.hold(keyframe, seen, velocity)
+
+    def _renew_keyframe(self) -> None:
+        """Move the depth of the keyframe, where more is known by now of when it was taken."""
+        assert self._keyframe is not None
+        with self._clock("keyframe"):
+            keyframe = self._delay.renewed(self._keyframe, self._velocity)
+            if keyframe is not None:
+                self._store.replace(self._keyframe, keyframe)
+                self._keyframe = keyframe
 
     def _take_keyframe(self, keyframe: Keyframe, *, keep: bool = True) -> None:
         self._keyframe, self._T_key_last = keyframe, np.eye(4)
@@ -768,6 +800,12 @@ class Odometry:
         if self._last_time is None or timestamp - self._last_time < SHORTEST_PERIOD_S:
             return NOMINAL_PERIOD_S
         return timestamp - self._last_time
+
+    def _lead(self, frame: Frame) -> NDArray[np.float64] | None:
+        """Where the camera was when the depth of the next frame was taken, as against its image."""
+        if self._losses or self._period(frame.timestamp) > LONGEST_PREDICTION_S:
+            return None
+        return self._delay.motion(self._velocity, frame)
 
     def _ahead(self, timestamp: float) -> NDArray[np.float64]:
         """Motion since the last pose, at constant velocity."""
@@ -821,6 +859,8 @@ class Odometry:
         T_world_cam = self._keyframe.T_world_key @ alignment.T_ref_cur
         self._witness.forget(timestamp)  # what it was told of this frame by another pose
         surface = self._witness.surface(seen.frame.depth)
+        if seen.T_cam_depth is not None:
+            T_world_cam = T_world_cam @ seen.T_cam_depth
         return self._witness.question(timestamp, T_world_cam, surface), T_world_cam, surface
 
     def _is_doubtful(self, timestamp: float) -> bool:

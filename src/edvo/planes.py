@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from edvo import kernels
+from edvo import kernels, se3
 from edvo.camera import Camera
 from edvo.config import PlanesConfig
 from edvo.edges import NO_TABLE
@@ -65,7 +65,9 @@ class PlaneFitter:
         """Whether depth counts at all."""
         return self.term.weight > 0
 
-    def planes(self, depth: NDArray[np.float32]) -> PlaneMap:
+    def planes(
+        self, depth: NDArray[np.float32], T_cam_depth: NDArray[np.float64] | None = None
+    ) -> PlaneMap:
         """Find the planes of a keyframe.
 
         Parameters
@@ -80,10 +82,12 @@ class PlaneFitter:
         """
         if not self.is_on:
             return NO_PLANES
-        normals, offsets, _, _ = self._fit(depth, self._map_nodes)
+        normals, offsets, _, _ = self._fit(depth, self._map_nodes, T_cam_depth, seek=True)
         return PlaneMap(normals, offsets, self._rows, self._cols, float(self._config.map_step_px))
 
-    def points(self, depth: NDArray[np.float32]) -> PlanePoints:
+    def points(
+        self, depth: NDArray[np.float32], T_cam_depth: NDArray[np.float64] | None = None
+    ) -> PlanePoints:
         """Choose points of a frame, spread evenly over where its depth is flat.
 
         Parameters
@@ -99,19 +103,31 @@ class PlaneFitter:
         """
         if not self.is_on:
             return NO_POINTS
-        normals, offsets, centres, sigma = self._fit(depth, self._point_nodes)
+        normals, offsets, centres, sigma = self._fit(depth, self._point_nodes, T_cam_depth)
         count = kernels.pack_points(offsets, normals, centres, sigma)
         return PlanePoints(centres[:count], normals[:count], sigma[:count])
 
-    def _fit(self, depth: NDArray[np.float32], nodes: "_Nodes") -> tuple[NDArray[np.float64], ...]:
+    def _fit(
+        self,
+        depth: NDArray[np.float32],
+        nodes: "_Nodes",
+        T_cam_depth: NDArray[np.float64] | None,
+        *,
+        seek: bool = False,
+    ) -> tuple[NDArray[np.float64], ...]:
         """Normals, offsets, centres and noise, one for each node."""
         count = len(nodes.flat)
+        pixels = nodes.pixels
+        if T_cam_depth is not None and seek:
+            pixels = np.empty_like(pixels)
+            T = se3.inverse(T_cam_depth)
+            kernels.shift_nodes(depth, nodes.pixels, self._table, self._pinhole, T, pixels)
         sigma = self._noise.sigma_z(depth.reshape(-1).take(nodes.flat))
         normals, offsets, centres = np.zeros((count, 3)), np.zeros(count), np.zeros((count, 3))
         config = self._config
         kernels.fit_planes(
             depth,
-            nodes.pixels,
+            pixels,
             sigma,
             self._table,
             self._pinhole,
@@ -122,6 +138,8 @@ class PlaneFitter:
             offsets,
             centres,
         )
+        if T_cam_depth is not None:
+            kernels.move_planes(T_cam_depth, normals, offsets, centres)
         return normals, offsets, centres, sigma
 
 

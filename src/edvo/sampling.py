@@ -3,10 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from edvo import kernels
+from edvo import kernels, se3
 from edvo.camera import Camera
 from edvo.config import EdgesConfig, SamplingConfig
-from edvo.edges import EdgeImage, EdgePixels
+from edvo.edges import NO_TABLE, EdgeImage, EdgePixels
+from edvo.planes import camera_of
 
 
 def sample_edges(
@@ -16,6 +17,7 @@ def sample_edges(
     config: SamplingConfig,
     edges_config: EdgesConfig,
     seed: int,
+    T_cam_depth: NDArray[np.float64] | None = None,
 ) -> EdgePixels:
     """Draw N edges with depth: so many from each grid cell, the rest at random from all.
 
@@ -56,4 +58,16 @@ def sample_edges(
         which,
         depths,
     )
+    if T_cam_depth is not None:
+        kernels.delayed_depths(
+            edges.index,
+            which[:drawn],
+            depth,
+            camera.undistortion_table() if camera.is_distorted else NO_TABLE,
+            camera_of(camera),
+            se3.inverse(T_cam_depth),
+            edges_config.depth_window_px // 2,
+            edges_config.depth_gap,
+            depths,
+        )
     return edges.describe(camera, which[:drawn], depths[:drawn])

@@ -45,6 +45,7 @@ class Seen:
     edges: EdgeImage
     samples: EdgePixels
     points: PlanePoints
+    T_cam_depth: NDArray[np.float64] | None = None
 
 
 class Search:
@@ -283,7 +284,7 @@ class Search:
             seen=seen,
             few=seen.samples.every(STRIDE),
             edges=self._registration.index(seen.edges.describe(self._camera)),
-            planes=self._fitter.planes(seen.frame.depth),
+            planes=self._fitter.planes(seen.frame.depth, seen.T_cam_depth),
             expected=expected,
             reach=DRIFT_M + DRIFT_M_S * gap_s,
             farthest=self._config.motion.max_speed_m_s * gap_s,

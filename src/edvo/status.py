@@ -73,7 +73,9 @@ class Judge:
         if jump := self._jump(speed, turn):
             return Status.LOST, jump
         doubt = self._poor_fit(alignment) if alignment.converged else alignment.reason
-        if doubt and alignment.depth_balance and alignment.sigma_depth > status.max_depth_sigma:
+        usual = 0.0 if math.isinf(self._usual) else self._usual  # where that much is no news
+        contradicts = alignment.sigma_depth > max(status.max_depth_sigma, usual)
+        if doubt and alignment.depth_balance and contradicts:
             return Status.LOST, f"{doubt}, and depth contradicts the edges"
         if not doubt and alignment.sigma_depth > self._tolerated:
             doubt = self._off(alignment)

@@ -126,6 +126,7 @@ class AzureFormat:
             )
         stamps = [stamp_text(colours[index].time) for index in kept]
         pairs = [(colours[i], depths[j]) for i, j in zip(kept, partners, strict=True)]
+        delays = _times(depths)[partners] - _times(colours)[kept]
         frame_camera = both.camera
 
         def load(index: int) -> Frame:
@@ -137,7 +138,9 @@ class AzureFormat:
             raw = _depth(file.read(pairs[index][1], second), depth, second)
             metric = np.asarray(depth_lens.rectify(raw, cv2.INTER_NEAREST), np.uint16)
             time = float(stamps[index])
-            return both.frame(time, (first, grey), (second, metric), frame_camera)
+            return both.frame(
+                time, (first, grey), (second, metric), frame_camera, float(delays[index])
+            )
 
         return ListedSource(
             path,

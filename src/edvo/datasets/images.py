@@ -174,7 +174,13 @@ def load_depth(path: Path) -> NDArray[np.uint16]:
     return np.asarray(depth, np.uint16)
 
 
-def load_frame(timestamp: float, colour_path: Path, depth_path: Path, camera: Camera) -> Frame:
+def load_frame(
+    timestamp: float,
+    colour_path: Path,
+    depth_path: Path,
+    camera: Camera,
+    depth_delay: float = 0.0,
+) -> Frame:
     """Read the two images of a frame.
 
     Parameters
@@ -185,6 +191,8 @@ def load_frame(timestamp: float, colour_path: Path, depth_path: Path, camera: Ca
         Colour or grey image, 8 bit; depth image, 16 bit.
     camera : Camera
         Gives the size that both must have and the depth value of one metre.
+    depth_delay : float
+        See `Frame`.
 
     Returns
     -------
@@ -199,7 +207,7 @@ def load_frame(timestamp: float, colour_path: Path, depth_path: Path, camera: Ca
         If no depth value is valid.
     """
     colour, depth = load_colour(colour_path), load_depth(depth_path)
-    return make_frame(timestamp, (colour_path, colour), (depth_path, depth), camera)
+    return make_frame(timestamp, (colour_path, colour), (depth_path, depth), camera, depth_delay)
 
 
 def make_frame(
@@ -207,6 +215,7 @@ def make_frame(
     colour: tuple[Path | str, NDArray[np.uint8]],
     depth: tuple[Path | str, NDArray[np.uint16] | NDArray[np.float32]],
     camera: Camera,
+    depth_delay: float = 0.0,
 ) -> Frame:
     """Make a frame of two images.
 
@@ -220,6 +229,8 @@ def make_frame(
         The same of the depth image: 16-bit values of the camera's ``depth_scale``, or metres.
     camera : Camera
         Gives the size that both must have and the depth value of one metre.
+    depth_delay : float
+        See `Frame`.
 
     Returns
     -------
@@ -247,7 +258,12 @@ def make_frame(
         )
     try:
         return Frame.from_images(
-            timestamp, colour_image, depth_image, depth_scale=camera.depth_scale, order="bgr"
+            timestamp,
+            colour_image,
+            depth_image,
+            depth_scale=camera.depth_scale,
+            order="bgr",
+            depth_delay=depth_delay,
         )
     except NoDepthError as error:
         raise NoDepthError(f"{depth_name} has no valid depth value") from error

@@ -36,12 +36,15 @@ class ImagePair:
         Seconds.
     colour, depth : pathlib.Path
         The images.
+    depth_delay : float
+        Seconds from the stamp of the colour image to that of the depth image.
     """
 
     stamp: str
     time: float
     colour: Path
     depth: Path
+    depth_delay: float = 0.0
 
 
 class ListedSource:
@@ -190,7 +193,7 @@ def pair_source(
     format: str,
     recognised_by: str | None,
     camera: tuple[Camera, str],
-    load: Callable[[float, Path, Path, Camera], Frame] = load_frame,
+    load: Callable[[float, Path, Path, Camera, float], Frame] = load_frame,
     truth: Callable[[], Truth] | None = None,
     warnings: Sequence[str] = (),
     facts: Mapping[str, Any] | None = None,
@@ -204,7 +207,7 @@ def pair_source(
     pairs : sequence of ImagePair
         Its frames, in order of time.
     load : callable
-        Makes a frame of a time, a colour file, a depth file and the camera.
+        Makes a frame of a time, a colour file, a depth file, the camera and the depth's delay.
     format, recognised_by, camera, truth, warnings, facts
         See `ListedSource`.
 
@@ -216,7 +219,7 @@ def pair_source(
 
     def load_pair(index: int) -> Frame:
         pair = pairs[index]
-        return load(pair.time, pair.colour, pair.depth, camera[0])
+        return load(pair.time, pair.colour, pair.depth, camera[0], pair.depth_delay)
 
     return ListedSource(
         path,

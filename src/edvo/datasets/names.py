@@ -227,7 +227,13 @@ def _by_time(
     ours, theirs = sorted(first), sorted(second)
     kept, partners = associate(np.array(ours), np.array(theirs), max_difference=MAX_DIFFERENCE_S)
     return [
-        ImagePair(first[ours[i]][0], ours[i], first[ours[i]][1], second[theirs[j]])
+        ImagePair(
+            first[ours[i]][0],
+            ours[i],
+            first[ours[i]][1],
+            second[theirs[j]],
+            depth_delay=theirs[j] - ours[i],
+        )
         for i, j in zip(kept.tolist(), partners.tolist(), strict=True)
     ]
 

@@ -60,10 +60,13 @@ class PovRayFormat:
         taken = replace(taken, depth_scale=unit)
         to_depth = _of_rays(taken)
 
-        def load(timestamp: float, colour: Path, depth: Path, camera: Camera) -> Frame:
+        def load(
+            timestamp: float, colour: Path, depth: Path, camera: Camera, depth_delay: float
+        ) -> Frame:
             distances = read_distances(depth, camera)
             grey = load_colour(colour)
-            return make_frame(timestamp, (colour, grey), (depth, distances * to_depth), camera)
+            metres = distances * to_depth
+            return make_frame(timestamp, (colour, grey), (depth, metres), camera, depth_delay)
 
         return pair_source(
             path,

@@ -135,6 +135,7 @@ def _open(bag: Bag, camera: CameraChoice) -> ListedSource:
         )
     stamps = [stamp_text(stamp) for stamp in colours.stamps[kept]]
     pairs = [(colours.places[i], depths.places[j]) for i, j in zip(kept, partners, strict=True)]
+    delays = seconds(depths.stamps[partners] - colours.stamps[kept], 0)
     frame_camera = both.camera
 
     def load(index: int) -> Frame:
@@ -145,7 +146,8 @@ def _open(bag: Bag, camera: CameraChoice) -> ListedSource:
         if metric.dtype != np.uint16:
             raise FrameError(f"{second} has {metric.dtype} values; depth must have 16 bits")
         named = (second, np.asarray(metric, np.uint16))
-        return both.frame(float(stamps[index]), (first, grey), named, frame_camera)
+        time, delay = float(stamps[index]), float(delays[index])
+        return both.frame(time, (first, grey), named, frame_camera, delay)
 
     return ListedSource(
         bag.path,

@@ -140,7 +140,8 @@ def _open(
         warnings += _doubt_defaults(bag.path, taken, found[0])
     names = (colour.name, depth.name)
     stamped = [stamp_topic(bag, *each) for each in zip(names, bag.places(*names), strict=True)]
-    if not all(each.has_stamps for each in stamped):
+    have_stamps = all(each.has_stamps for each in stamped)
+    if not have_stamps:
         warnings.append("headers have no stamps; times are those of recording")
         stamped = [each.by_recording() for each in stamped]
     for each in stamped:
@@ -163,6 +164,7 @@ def _open(
         )
     stamps = [stamp_text(stamp) for stamp in colours.stamps[kept]]
     pairs = [(colours.places[i], depths.places[j]) for i, j in zip(kept, partners, strict=True)]
+    delays = seconds(depths.stamps[partners] - colours.stamps[kept], 0) * have_stamps
 
     def load(index: int) -> Frame:
         at = f"at {stamps[index]} in {bag.path}"
@@ -174,6 +176,7 @@ def _open(
             (names[0], grey),
             (names[1], load_depth(bag, second, depth.topic.type == IMAGE, names[1])),
             taken,
+            float(delays[index]),
         )
 
     return ListedSource(

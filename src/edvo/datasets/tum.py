@@ -70,12 +70,15 @@ class Row:
         The same as a number.
     files : tuple of str
         Names relative to the folder: one, or colour and depth.
+    depth_delay : float
+        From the time of colour to that of depth, where there are both.
     """
 
     line: int
     stamp: str
     time: float
     files: tuple[str, ...]
+    depth_delay: float = 0.0
 
 
 class TumFormat:
@@ -203,7 +206,13 @@ def read_lists(
         warnings.append(f"stamps are frame numbers; taken as {INDEX_RATE_HZ:g} frames a second")
     unit = 1.0 / INDEX_RATE_HZ if by_index else 1.0
     pairs = tuple(
-        ImagePair(row.stamp, row.time * unit, *(folder / file for file in row.files))
+        ImagePair(
+            row.stamp,
+            row.time * unit,
+            folder / row.files[0],
+            folder / row.files[1],
+            row.depth_delay * unit,
+        )
         for row in rows
     )
     return Listed(pairs, by_index, without_depth, tuple(warnings))
@@ -258,7 +267,11 @@ def _associate(
             f"check the times in {' and '.join(lists)}"
         )
     return [
-        replace(colour[i], files=colour[i].files + depth[j].files)
+        replace(
+            colour[i],
+            files=colour[i].files + depth[j].files,
+            depth_delay=depth[j].time - colour[i].time,
+        )
         for i, j in zip(kept.tolist(), partners.tolist(), strict=True)
     ]
 
@@ -346,9 +359,11 @@ def read_pairs(file: Path) -> list[Row]:
     ):
         # ICL-NUIM writes depth first, TUM's tool whatever it is given: the folders tell.
         if name.lower().startswith("depth"):
-            rows.append(Row(line, other_stamp, _time(other_stamp, file, line), (other_name, name)))
-        else:
-            rows.append(Row(line, stamp, _time(stamp, file, line), (name, other_name)))
+            stamp, other_stamp, name, other_name = other_stamp, stamp, other_name, name
+        time, depth_time = (_time(each, file, line) for each in (stamp, other_stamp))
+        # Paired by hand they may have nothing to do with each other.
+        delay = depth_time - time if abs(depth_time - time) <= MAX_DIFFERENCE_S else 0.0
+        rows.append(Row(line, stamp, time, (name, other_name), delay))
     return rows
 
 

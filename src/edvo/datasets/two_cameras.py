@@ -77,11 +77,17 @@ class TwoCameras:
         map_u, map_v = np.nan_to_num(seen, nan=-9.0).astype(np.float32).T
         return map_u.reshape(u.shape).copy(), map_v.reshape(u.shape).copy()
 
-    def load(self, timestamp: float, colour: Path, depth: Path, camera: Camera) -> Frame:
+    def load(
+        self,
+        timestamp: float,
+        colour: Path,
+        depth: Path,
+        camera: Camera,
+        depth_delay: float = 0.0,
+    ) -> Frame:
         """Read the two images of a frame; ``camera`` is `TwoCameras.camera`."""
-        return self.frame(
-            timestamp, (colour, load_colour(colour)), (depth, load_depth(depth)), camera
-        )
+        images = (colour, load_colour(colour)), (depth, load_depth(depth))
+        return self.frame(timestamp, *images, camera, depth_delay)
 
     def frame(
         self,
@@ -89,6 +95,7 @@ class TwoCameras:
         colour: tuple[Named, NDArray[np.uint8]],
         depth: tuple[Named, NDArray[np.uint16]],
         camera: Camera,
+        depth_delay: float = 0.0,
     ) -> Frame:
         """Make a frame of two images as the files hold them.
 
@@ -100,6 +107,8 @@ class TwoCameras:
             What errors call each, and its values.
         camera : Camera
             `TwoCameras.camera`, which is made once.
+        depth_delay : float
+            See `Frame`.
 
         Returns
         -------
@@ -122,8 +131,9 @@ class TwoCameras:
                 ),
                 np.uint8,
             )
+        seen = colour[0], colour_image
         if self.is_registered:
-            return make_frame(timestamp, (colour[0], colour_image), (depth[0], depth_image), camera)
+            return make_frame(timestamp, seen, (depth[0], depth_image), camera, depth_delay)
         _check_size(depth[0], depth_image, self.depth)
         metres = depth_image.astype(np.float32) / np.float32(camera.depth_scale)
         if self._sight is not None:
@@ -131,7 +141,7 @@ class TwoCameras:
             metres = np.asarray(cv2.remap(metres, u, v, cv2.INTER_NEAREST), np.float32)
         else:
             metres = register_depth(metres, self.depth, camera, self.T_colour_depth)
-        return make_frame(timestamp, (colour[0], colour_image), (depth[0], metres), camera)
+        return make_frame(timestamp, seen, (depth[0], metres), camera, depth_delay)
 
 
 def edge_fit(frame: Frame) -> float | None:

@@ -341,6 +341,7 @@ class SyntheticSource:
                 depth,
                 depth_scale=recipe.camera.depth_scale,
                 order="rgb",
+                depth_delay=float(recipe.depth_times[partner]) - t,
             )
         except FrameError as error:
             return Reading(index, stamp, t, None, f"{self.name} at {stamp}: {error}")

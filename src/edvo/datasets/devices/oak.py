@@ -104,10 +104,13 @@ class Oak(Driven):
 
     def _reading(self, index: int, colour: Any, depth: Any) -> Reading:
         seconds = colour.getTimestamp().total_seconds()
+        delay = depth.getTimestamp().total_seconds() - seconds
         frame, problem = None, None
         try:
             image = np.asarray(colour.getCvFrame())
-            frame = Frame.from_images(seconds, image, depth.getFrame(), depth_scale=1000.0)
+            frame = Frame.from_images(
+                seconds, image, depth.getFrame(), depth_scale=1000.0, depth_delay=delay
+            )
         except FrameError as error:
             problem = f"{self.name}: image {colour.getSequenceNum()}: {error}"
         return Reading(index, f"{seconds:.6f}", seconds, frame, problem)

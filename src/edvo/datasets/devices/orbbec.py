@@ -119,13 +119,14 @@ class Orbbec(Driven):
 
     def _reading(self, index: int, colour: Any, depth: Any) -> Reading:
         seconds = colour.get_timestamp_us() / 1e6
+        delay = depth.get_timestamp_us() / 1e6 - seconds
         frame, problem = None, None
         try:
             image, order = self._image(colour)
             size = depth.get_height(), depth.get_width()
             values = np.frombuffer(depth.get_data(), np.uint16).reshape(size)
             metres = values * np.float32(depth.get_depth_scale() / 1000.0)  # of millimetres
-            frame = Frame.from_images(seconds, image, metres, order=order)
+            frame = Frame.from_images(seconds, image, metres, order=order, depth_delay=delay)
         except (FrameError, ValueError) as error:
             problem = f"{self.name}: image {colour.get_index()}: {error}"
         return Reading(index, f"{seconds:.6f}", seconds, frame, problem)

@@ -157,12 +157,15 @@ class RealSense(Driven):
     def _reading(self, index: int, images: Any) -> Reading:
         depth, colour = images.get_depth_frame(), images.get_color_frame()
         seconds = colour.get_timestamp() / 1000
+        delay = depth.get_timestamp() / 1000 - seconds
         metres = np.asarray(depth.get_data()) * np.float32(depth.get_units())
         order: Literal["rgb", "bgr"] = "rgb" if self._is_rgb else "bgr"
         frame, problem = None, None
         try:
             # Makes new images: the SDK uses the memory of its own again.
-            frame = Frame.from_images(seconds, np.asarray(colour.get_data()), metres, order=order)
+            frame = Frame.from_images(
+                seconds, np.asarray(colour.get_data()), metres, order=order, depth_delay=delay
+            )
         except FrameError as error:
             problem = f"{self.name}: image {colour.get_frame_number()}: {error}"
         return Reading(index, f"{seconds:.6f}", seconds, frame, problem)
