@@ -292,11 +292,11 @@ class MotionConfig(Section):
     prior_stride: Annotated[int, Field(ge=1)] = Field(
         default=8, description="the check looks at one sample in so many"
     )
-    depth_delay: Literal["measured", "none"] = Field(
+    depth_delay: Literal["measured", "stamps", "none"] = Field(
         default="measured",
-        description="from the instant of a colour image to that of its depth: measured while "
-        "tracking, and what the camera moves by in between made up for, or taken to be none. Not "
-        "in the paper",
+        description="from the instant of a colour image to that of its depth, for what the camera "
+        "moves by in between to be made up for: as stamps tell it, and what is measured beyond "
+        "them while tracking; as stamps tell it; or taken to be none. Not in the paper",
     )
     search_deg: Annotated[float, Field(ge=0, le=45)] = Field(
         default=24.0,

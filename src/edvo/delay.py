@@ -62,13 +62,14 @@ class DepthDelay:
     camera : Camera
         Of the images.
     fitter : PlaneFitter
-    is_on : bool
-        False takes depth and colour as simultaneous.
+    rule : str
+        See ``MotionConfig.depth_delay``.
     """
 
-    def __init__(self, camera: Camera, fitter: PlaneFitter, *, is_on: bool) -> None:
+    def __init__(self, camera: Camera, fitter: PlaneFitter, rule: str) -> None:
         self._pinhole, self._fitter = camera_of(camera), fitter
-        self._is_on = is_on and fitter.is_on
+        self._is_on = rule != "none" and fitter.is_on
+        self._is_measured = rule == "measured" and fitter.is_on
         self.forget()
 
     def forget(self) -> None:
@@ -174,7 +175,7 @@ class DepthDelay:
         period : float
             Seconds since the frame before it.
         """
-        if not self._is_on:
+        if not self._is_measured:
             return
         last, self._noted = self._noted, None
         if not alignment.depth_balance or period > LONGEST_S:

@@ -104,11 +104,7 @@ class Odometry:
         )
         self._uncertainty = Uncertainty(camera, self.config, self._registration.solver)
         self._shared = SharedErrors(camera, self.config.planes, self._registration.solver)
-        self._delay = DepthDelay(
-            camera,
-            self._fitter,
-            is_on=self.config.motion.depth_delay == "measured",
-        )
+        self._delay = DepthDelay(camera, self._fitter, self.config.motion.depth_delay)
         self._depth_alone = DepthAlone(camera, self.config, self._fitter.term, self._uncertainty)
         self._witness = Witness(camera, self.config.planes.sensor)
         self._background = Background(camera, self._registration, self._fitter)
@@ -869,7 +865,9 @@ class Odometry:
 
     def _assess(self, alignment: Alignment, timestamp: float) -> tuple[Status, str]:
         """Judge a registration by its evidence, and by how far it is from the last pose."""
-        return self._judge.judge(alignment, *speed_of(*self._moved(alignment.T_ref_cur, timestamp)))
+        T_last_cur, period = self._moved(alignment.T_ref_cur, timestamp)
+        follows = not self._losses and period <= LONGEST_PREDICTION_S
+        return self._judge.judge(alignment, *speed_of(T_last_cur, period), follows=follows)
 
     def _moved(
         self, T_key_cur: NDArray[np.float64], timestamp: float

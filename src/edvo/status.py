@@ -49,7 +49,9 @@ class Judge:
             faded = 0.0 if math.isinf(self._usual) else FADING * self._usual
             self._usual = max(alignment.sigma_depth, faded)
 
-    def judge(self, alignment: Alignment, speed: float, turn: float) -> tuple[Status, str]:
+    def judge(
+        self, alignment: Alignment, speed: float, turn: float, *, follows: bool = False
+    ) -> tuple[Status, str]:
         """Say how far a registration is to be trusted, and why not further.
 
         Parameters
@@ -59,6 +61,9 @@ class Judge:
             What the camera would have moved by since the last frame, m/s.
         turn : float
             And turned by, degrees a second.
+        follows : bool
+            Whether it follows closely on the last pose: depth that is as far off as it was there
+            contradicts nothing.
 
         Returns
         -------
@@ -73,9 +78,10 @@ class Judge:
         if jump := self._jump(speed, turn):
             return Status.LOST, jump
         doubt = self._poor_fit(alignment) if alignment.converged else alignment.reason
-        usual = 0.0 if math.isinf(self._usual) else self._usual  # where that much is no news
-        contradicts = alignment.sigma_depth > max(status.max_depth_sigma, usual)
-        if doubt and alignment.depth_balance and contradicts:
+        limit = status.max_depth_sigma
+        if follows and not math.isinf(self._usual):
+            limit = max(limit, self._usual)
+        if doubt and alignment.depth_balance and alignment.sigma_depth > limit:
             return Status.LOST, f"{doubt}, and depth contradicts the edges"
         if not doubt and alignment.sigma_depth > self._tolerated:
             doubt = self._off(alignment)

@@ -78,6 +78,8 @@ VARIANTS = (
         ("keyframes.max_translation_m=0.1", "keyframes.max_rotation_deg=8"),
     ),
     Variant("keyframe: earlier where well constrained", ("keyframes.early_share=0.67",)),
+    Variant("depth: at the instant of colour", ("motion.depth_delay=none",)),
+    Variant("depth: at the instant of its stamp", ("motion.depth_delay=stamps",)),
     Variant("search: none where in doubt", ("motion.search_deg=0",)),
     Variant("recovery: none", ("keyframes.stored=0",)),
     Variant("without edges: lost", ("planes.alone_share=0",)),
