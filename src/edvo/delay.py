@@ -16,17 +16,19 @@ from numpy.typing import NDArray
 from edvo import kernels, se3
 from edvo.camera import Camera
 from edvo.frame import Frame
+from edvo.kernels import Lag
 from edvo.keyframes import Keyframe
-from edvo.planes import PlaneFitter, PlanePoints, camera_of
-from edvo.registration import Alignment
+from edvo.planes import PlaneFitter, PlanePoints, camera_of, move_points
+from edvo.registration import AT_ONCE, Alignment
 from edvo.search import Seen
 
-MEMORY_S = 10.0  # that the delay is taken from: clocks wander
+MEMORY_S = 5.0  # that the delay is taken from: clocks wander
 EXPECTED_S = 0.01  # how large it is beyond the stamps, before anything is known (one sigma)
-SHARED = 20.0  # points of a depth image that err together: so many count as one
+SHARED = 100.0  # points of a depth image that err together: so many count as one
 LARGEST_S = 0.05  # beyond it nothing is made up for
 GATE = 3.0  # sigmas, that a frame may be off by
 LONGEST_S = 0.2  # between frames, for the velocity to be known
+LEAST_S = 5e-4  # that matters
 LEAST = 2e-4  # m and rad: a tenth of a pixel
 NEWS = 1e-3  # m and rad, by which a keyframe's depth must be off to be fitted anew
 SETTLING_S = 1.0  # that depth's misfit is averaged over, which its changes are taken from
@@ -42,6 +44,7 @@ class _Noted:
     alignment: Alignment
     T_cam_depth: NDArray[np.float64] | None
     period: float
+    moves: float  # by how much depth moved with the pose
 
 
 @dataclass(slots=True)
@@ -106,13 +109,59 @@ class DepthDelay:
             Maps points of the depth image to the camera at the instant of the grey image; None
             where it has hardly moved.
         """
-        if not self._is_on:
-            return None
-        delay = min(max(frame.depth_delay + self.seconds, -LARGEST_S), LARGEST_S)
-        twist = velocity * delay
+        twist = velocity * self._of(frame)
         if np.abs(twist).max() < LEAST:
             return None
         return se3.exp(twist)
+
+    def _of(self, frame: Frame) -> float:
+        """From the instant of the image to that of depth, seconds."""
+        delay = frame.depth_delay + self.seconds if self._is_on else 0.0
+        return min(max(delay, -LARGEST_S), LARGEST_S)
+
+    def lag(self, seen: Seen, T_key_last: NDArray[np.float64], period: float) -> Lag:
+        """Say when depth was taken, for a registration to move it along with the pose.
+
+        Parameters
+        ----------
+        seen : Seen
+        T_key_last : ndarray of float64, shape (4, 4)
+            Where the camera was at the last frame.
+        period : float
+            Seconds since then.
+
+        Returns
+        -------
+        Lag
+        """
+        delay = self._of(seen.frame)
+        if abs(delay) < LEAST_S:
+            return AT_ONCE
+        T = np.eye(4) if seen.T_cam_depth is None else se3.inverse(seen.T_cam_depth)
+        return Lag(max(delay / period, -1.0), T_key_last, T)
+
+    def settled(self, seen: Seen, T_last_cur: NDArray[np.float64], period: float) -> Seen:
+        """Move depth by what the camera has moved by, no longer by what was expected.
+
+        Parameters
+        ----------
+        seen : Seen
+        T_last_cur : ndarray of float64, shape (4, 4)
+            What it has moved by since the last frame.
+        period : float
+            Seconds that this took.
+
+        Returns
+        -------
+        Seen
+            Its samples have the depth they had.
+        """
+        T_cam_depth = self.motion(se3.log(T_last_cur) / period, seen.frame)
+        if T_cam_depth is None and seen.T_cam_depth is None:
+            return seen
+        now, then = (np.eye(4) if T is None else T for T in (T_cam_depth, seen.T_cam_depth))
+        points = move_points(seen.points, now @ se3.inverse(then))
+        return replace(seen, points=points, T_cam_depth=T_cam_depth)
 
     def hold(self, keyframe: Keyframe, seen: Seen, velocity: NDArray[np.float64] | None) -> None:
         """Remember what a keyframe was made of, to move its depth once more is known.
@@ -190,7 +239,10 @@ class DepthDelay:
         else:
             self._T_before = None
         delay = seen.frame.depth_delay
-        self._noted = _Noted(keyframe, delay, seen.points, alignment, seen.T_cam_depth, period)
+        moves = 1 + max(self._of(seen.frame) / period, -1.0)
+        self._noted = _Noted(
+            keyframe, delay, seen.points, alignment, seen.T_cam_depth, period, moves
+        )
 
     def _learn(self, noted: _Noted, velocity: NDArray[np.float64], period: float) -> None:
         """Compare how depth's misfit changes with how the velocity does."""
@@ -200,7 +252,7 @@ class DepthDelay:
             as_stamped = as_stamped @ se3.inverse(noted.T_cam_depth)
         H_planes, b_used = self._equations(noted, T)
         _, b_stamped = self._equations(noted, as_stamped)
-        now = np.array([se3.adjoint(T) @ velocity, b_stamped, b_used])
+        now = np.array([se3.adjoint(T) @ velocity, b_stamped, noted.moves * b_used])
         if noted.keyframe is not self._keyframe:
             self._keyframe, self._mean, self._age = noted.keyframe, now, 0.0
             return

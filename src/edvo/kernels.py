@@ -157,6 +157,14 @@ class DepthTerm(NamedTuple):
     min_points: int
 
 
+class Lag(NamedTuple):
+    """When depth was taken, as against the image that it belongs to."""
+
+    share: float  # from the instant of the image, over the time since the last one; 0 at once
+    T_ref_last: F64  # (4, 4) pose of the last image
+    T_depth_cam: F64  # (4, 4) takes back what the points were moved by already
+
+
 class PlaneMatches(NamedTuple):
     """State of the points' planes while a registration runs, packed to the front."""
 
@@ -1163,6 +1171,54 @@ def product(A: F64, B: F64) -> F64:
 
 
 @compiled
+def log_se3(T: F64) -> F64:
+    """The twist [v, w] of a rigid motion by less than half a turn; twin of se3.log."""
+    x, y, z = (T[2, 1] - T[1, 2]) / 2, (T[0, 2] - T[2, 0]) / 2, (T[1, 0] - T[0, 1]) / 2
+    sine = np.sqrt(x * x + y * y + z * z)
+    angle = np.arctan2(sine, (T[0, 0] + T[1, 1] + T[2, 2] - 1) / 2)
+    if angle < 1e-4:
+        d = 1 / 12
+    else:
+        x, y, z = x * angle / sine, y * angle / sine, z * angle / sine
+        d = (1 - angle / 2 / np.tan(angle / 2)) / (angle * angle)
+    u, v, w = T[0, 3], T[1, 3], T[2, 3]
+    pu, pv, pw = y * w - z * v, z * u - x * w, x * v - y * u
+    xi = np.empty(6)
+    xi[0] = u - pu / 2 + d * (y * pw - z * pv)
+    xi[1] = v - pv / 2 + d * (z * pu - x * pw)
+    xi[2] = w - pw / 2 + d * (x * pv - y * pu)
+    xi[3], xi[4], xi[5] = x, y, z
+    return xi
+
+
+@compiled
+def lagged(T: F64, lag: Lag) -> F64:
+    """Where the camera was as the depth was taken that belongs to an image taken at T.
+
+    At the velocity since the last image. For points that were moved by an expected velocity.
+    """
+    if lag.share == 0:
+        return T
+    back = np.empty((4, 4))
+    invert(lag.T_ref_last, back)
+    twist = log_se3(product(back, T))
+    twist *= lag.share
+    return product(product(T, exp_se3(twist)), lag.T_depth_cam)
+
+
+@compiled
+def invert(T: F64, inverse: F64) -> None:
+    """Write the inverse of a rigid motion."""
+    for i in range(3):
+        inverse[i, 3] = 0.0
+        inverse[3, i] = 0.0
+        for j in range(3):
+            inverse[i, j] = T[j, i]
+            inverse[i, 3] -= T[j, i] * T[j, 3]
+    inverse[3, 3] = 1.0
+
+
+@compiled
 def factorize(A: F64, damping: float, L: F64) -> bool:
     """Write the Cholesky factor of A + damping diag A, where that is positive definite."""
     for i in range(A.shape[0]):
@@ -1455,6 +1511,7 @@ def align(
     planes: PlaneMap,
     surface: PlanePoints,
     term: DepthTerm,
+    lag: Lag,
     T: F64,
     H: F64,
     index: I32,
@@ -1470,7 +1527,8 @@ def align(
     row an iteration: stage, matches, sigma, cost, step, damping, accepted, cost of the trial.
     Points of the current depth image pull towards planes of the reference, where there are any:
     their term has a scale of its own, sigma_d, and counts less the more that exceeds the sensor's
-    noise, since such errors are not independent of one another. H and b stay in px^2.
+    noise, since such errors are not independent of one another. H and b stay in px^2. Where depth
+    was not taken at the instant of the image it moves with the pose by less, or by more (``lag``).
     Returns why it stopped, iterations, number of matches, sigma and cost; then the number of
     points with a plane, their sigma_d, and what their term counted.
     """
@@ -1496,6 +1554,7 @@ def align(
     ]
     reason, iterations, count = EXHAUSTED, 0, 0
     sigma, cost, total = 1.0, 0.0, 0.0
+    moves = 1 + lag.share  # by how much points move with the pose, near the last one
     for stage in range(first_stage, last_stage + 1):
         criterion = robust if stage == 0 else normal
         enough = solver.stop_px if stage == last_stage else solver.switch_px
@@ -1517,7 +1576,7 @@ def align(
             residuals,
         )
         if m > 0:
-            near_count = match_planes(planes, surface, camera, T, term, near)
+            near_count = match_planes(planes, surface, camera, lagged(T, lag), term, near)
         damping = solver.damping
         rejections = 0
         stale = True
@@ -1541,9 +1600,9 @@ def align(
                     plane_equations(near, near_count, sigma_d, H_planes, b_planes)
                     scale = balance * (sigma / sigma_d) ** 2 / every
                     for i in range(6):
-                        b[i] += scale * b_planes[i]
+                        b[i] += scale * moves * b_planes[i]
                         for j in range(6):
-                            H[i, j] += scale * H_planes[i, j]
+                            H[i, j] += scale * moves * moves * H_planes[i, j]
                 stale = False
             if not solve_damped(H, b, damping, step):
                 reason = SINGULAR
@@ -1579,7 +1638,8 @@ def align(
             row[7] = mean_cost(trial_residuals, trial_count, taken, sigma, criterion.limit, solver)
             near_trial_count = 0
             if m > 0:
-                near_trial_count = match_planes(planes, surface, camera, trial_T, term, near_trial)
+                there = lagged(trial_T, lag)
+                near_trial_count = match_planes(planes, surface, camera, there, term, near_trial)
             if balance > 0:
                 row[7] += balance / n * plane_cost(near_trial, near_trial_count, m, sigma_d)
             if row[7] < cost:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from edvo import se3
+from edvo import kernels, se3
 from edvo.anew import SETTLED_S, Chain
 from edvo.background import YOUNG_S, Background, Still
 from edvo.camera import Camera
@@ -24,7 +24,7 @@ from edvo.keyframes import Keyframe, KeyframeStore, is_due
 from edvo.last_good import LastGood
 from edvo.pieces import Pieces
 from edvo.planes import PlaneFitter
-from edvo.registration import Alignment, Registration
+from edvo.registration import AT_ONCE, Alignment, Registration
 from edvo.search import Search, Seen, is_apart
 from edvo.sharing import SharedErrors
 from edvo.status import Judge, Status, speed_of
@@ -218,6 +218,8 @@ class Odometry:
                 with self._clock("recovery"):
                     found = self._recover(seen)
             return found or self._give_up(seen, reason, alignment)
+        if still is None:
+            seen = self._settled(seen, alignment)
         alignment, status, reason, still = self._confirm(seen, alignment, status, reason, still)
         if status is Status.LOST:
             return self._lose_sight(seen, reason, alignment)
@@ -285,7 +287,7 @@ class Odometry:
             starts = self._starts(timestamp, seen)
             term = self._shared.term(self._fitter.term)
             alignment = self._registration.align(
-                key.edges, seen.samples, starts, key.planes, seen.points, term
+                key.edges, seen.samples, starts, key.planes, seen.points, term, self._lag(seen)
             )
         status, reason = self._assess(alignment, timestamp)
         far = self._is_far_step(timestamp)
@@ -799,9 +801,28 @@ class Odometry:
 
     def _lead(self, frame: Frame) -> NDArray[np.float64] | None:
         """Where the camera was when the depth of the next frame was taken, as against its image."""
-        if self._losses or self._period(frame.timestamp) > LONGEST_PREDICTION_S:
+        if not self._follows(frame.timestamp):
             return None
         return self._delay.motion(self._velocity, frame)
+
+    def _follows(self, timestamp: float) -> bool:
+        """Whether the last pose is that of a moment ago."""
+        return not self._losses and self._period(timestamp) <= LONGEST_PREDICTION_S
+
+    def _lag(self, seen: Seen) -> kernels.Lag:
+        """When depth was taken, as a share of the time since the last frame."""
+        timestamp = seen.frame.timestamp
+        if not self._follows(timestamp):
+            return AT_ONCE
+        return self._delay.lag(seen, self._T_key_last, self._period(timestamp))
+
+    def _settled(self, seen: Seen, alignment: Alignment) -> Seen:
+        """Move depth by what the camera has moved by, no longer by what was expected."""
+        timestamp = seen.frame.timestamp
+        if not self._follows(timestamp):
+            return seen
+        T_last_cur = se3.inverse(self._T_key_last) @ alignment.T_ref_cur
+        return self._delay.settled(seen, T_last_cur, self._period(timestamp))
 
     def _ahead(self, timestamp: float) -> NDArray[np.float64]:
         """Motion since the last pose, at constant velocity."""
@@ -866,7 +887,7 @@ class Odometry:
     def _assess(self, alignment: Alignment, timestamp: float) -> tuple[Status, str]:
         """Judge a registration by its evidence, and by how far it is from the last pose."""
         T_last_cur, period = self._moved(alignment.T_ref_cur, timestamp)
-        follows = not self._losses and period <= LONGEST_PREDICTION_S
+        follows = self._follows(timestamp)
         return self._judge.judge(alignment, *speed_of(T_last_cur, period), follows=follows)
 
     def _moved(

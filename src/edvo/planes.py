@@ -143,6 +143,23 @@ class PlaneFitter:
         return normals, offsets, centres, sigma
 
 
+def move_points(points: PlanePoints, T: NDArray[np.float64]) -> PlanePoints:
+    """Move points, and the planes they lie on.
+
+    Parameters
+    ----------
+    points : PlanePoints
+    T : ndarray of float64, shape (4, 4)
+
+    Returns
+    -------
+    PlanePoints
+    """
+    X, normals = points.X.copy(), points.normals.copy()
+    kernels.move_planes(T, normals, np.zeros(len(X)), X)
+    return PlanePoints(X, normals, points.sigma)
+
+
 def camera_of(camera: Camera) -> kernels.Pinhole:
     """Give the ideal camera that the kernels take."""
     return kernels.Pinhole(camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height)
