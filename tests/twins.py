@@ -534,3 +534,60 @@ def chamfer_search(score, starts, most_trace, apart_m, step_m, step_rad, halving
                 T = ways[int(np.argmax([score(way) for way in ways]))]
         found[k] = T
     return found, [score(T) for T in found]
+
+
+# --------------------------------------------------------------------- depth of another instant
+
+
+def move_planes(T, normals, offsets, centres):
+    """Planes and the points they were fitted round, moved by T; 0 stays no plane."""
+    turned = normals @ T[:3, :3].T
+    along = np.where(offsets > 0, turned @ T[:3, 3], 0.0)
+    return turned, offsets + along, centres @ T[:3, :3].T + T[:3, 3]
+
+
+def _shift(camera, raw, z, T):
+    """By how much a raw pixel, (2,), moves, and its depth changes."""
+    ideal = camera.undistortion_table()[raw[1], raw[0]] if camera.is_distorted else raw
+    ray = np.array([(ideal[0] - camera.cx) / camera.fx, (ideal[1] - camera.cy) / camera.fy, 1.0])
+    X = T[:3, :3] @ (ray * z) + T[:3, 3]
+    there = np.array([camera.fx, camera.fy]) * X[:2] / X[2] + (camera.cx, camera.cy)
+    return there - ideal, X[2] - z
+
+
+def shift_nodes(depth, nodes, camera, T):
+    """Where the surface lies that comes to each node."""
+    moved = nodes.copy()
+    height, width = depth.shape
+    for k, (u0, v0) in enumerate(nodes):
+        if not (0 <= u0 < width and 0 <= v0 < height):
+            continue
+        z = float(depth[v0, u0])
+        for _ in range(2):
+            if z <= 0:
+                break
+            by, dz = _shift(camera, nodes[k], z, T)
+            u, v = np.floor(nodes[k] + by + 0.5).astype(int)
+            moved[k] = u, v
+            if not (0 <= u < width and 0 <= v < height):
+                break
+            z = float(depth[v, u]) - dz if depth[v, u] > 0 else 0.0
+    return moved
+
+
+def delayed_depths(index, depth, camera, T, radius, gap, given):
+    """Depth of edges at flat indices, looked up where they were."""
+    found = given.copy()
+    height, width = depth.shape
+    for k, i in enumerate(index):
+        raw = np.array([i % width, i // width])
+        for _ in range(2):
+            by, dz = _shift(camera, raw, float(found[k]), T)
+            u, v = np.floor(raw + by + 0.5).astype(int)
+            if not (0 <= u < width and 0 <= v < height):
+                break
+            z = kernels.depth_at(depth, u, v, radius, gap)
+            if not z - dz > kernels.MIN_DEPTH:
+                break
+            found[k] = z - dz
+    return found

@@ -25,7 +25,7 @@ from edvo.search import Seen
 MEMORY_S = 5.0  # that the delay is taken from: clocks wander
 EXPECTED_S = 0.01  # how large it is beyond the stamps, before anything is known (one sigma)
 SHARED = 100.0  # points of a depth image that err together: so many count as one
-LARGEST_S = 0.05  # beyond it nothing is made up for
+LARGEST_S = 0.05  # stamps further apart are those of two clocks
 GATE = 3.0  # sigmas, that a frame may be off by
 LONGEST_S = 0.2  # between frames, for the velocity to be known
 LEAST_S = 5e-4  # that matters
@@ -116,8 +116,9 @@ class DepthDelay:
 
     def _of(self, frame: Frame) -> float:
         """From the instant of the image to that of depth, seconds."""
-        delay = frame.depth_delay + self.seconds if self._is_on else 0.0
-        return min(max(delay, -LARGEST_S), LARGEST_S)
+        if not self._is_on:
+            return 0.0
+        return min(max(_stamped(frame) + self.seconds, -LARGEST_S), LARGEST_S)
 
     def lag(self, seen: Seen, T_key_last: NDArray[np.float64], period: float) -> Lag:
         """Say when depth was taken, for a registration to move it along with the pose.
@@ -238,7 +239,7 @@ class DepthDelay:
             self._T_before = last.alignment.T_ref_cur
         else:
             self._T_before = None
-        delay = seen.frame.depth_delay
+        delay = _stamped(seen.frame)
         moves = 1 + max(self._of(seen.frame) / period, -1.0)
         self._noted = _Noted(
             keyframe, delay, seen.points, alignment, seen.T_cam_depth, period, moves
@@ -292,3 +293,8 @@ class DepthDelay:
             b,
         )
         return H, b
+
+
+def _stamped(frame: Frame) -> float:
+    """The delay that stamps tell, where they make sense."""
+    return frame.depth_delay if abs(frame.depth_delay) <= LARGEST_S else 0.0
