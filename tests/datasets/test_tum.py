@@ -321,7 +321,7 @@ def test_the_delay_in_frame_numbers(make_folder, joint):
     folder = make_folder(colour=colour, depth=depth)
     if joint:
         (folder / "rgb.txt").unlink()
-        rows = [f"{c} rgb/{i}.png {d} depth/{i}.png" for i, (c, d) in enumerate(zip(colour, depth))]
+        rows = [f"{colour[i]} rgb/{i}.png {depth[i]} depth/{i}.png" for i in range(3)]
         (folder / "associations.txt").write_text("\n".join(rows))
     source = open_source(folder)
     np.testing.assert_allclose(source.timestamps, [0, 1 / 30, 2 / 30])

@@ -270,7 +270,7 @@ def _associate(
         replace(
             colour[i],
             files=colour[i].files + depth[j].files,
-            depth_delay=depth[j].time - colour[i].time,
+            depth_delay=stamped_delay(colour[i].time, depth[j].time),
         )
         for i, j in zip(kept.tolist(), partners.tolist(), strict=True)
     ]
@@ -361,7 +361,8 @@ def read_pairs(file: Path) -> list[Row]:
         if name.lower().startswith("depth"):
             stamp, other_stamp, name, other_name = other_stamp, stamp, other_name, name
         time, depth_time = (_time(each, file, line) for each in (stamp, other_stamp))
-        rows.append(Row(line, stamp, time, (name, other_name), stamped_delay(time, depth_time)))
+        delay = stamped_delay(time, depth_time)
+        rows.append(Row(line, stamp, time, (name, other_name), delay))
     return rows
 
 
