@@ -57,8 +57,8 @@ def stamped_delay(colour: float, depth: float) -> float:
     Returns
     -------
     float
-        Seconds, to the microsecond, which is about what a float has of times since 1970; 0 if they are further apart than the images of a frame may be: such stamps are
-        of different clocks.
+        Seconds, to the microsecond: of times since 1970 a float has hardly more. 0 if they are
+        further apart than the images of a frame may be: such stamps are of different clocks.
     """
     delay = round(depth - colour, 6)
     return delay if abs(delay) <= MAX_DIFFERENCE_S else 0.0
