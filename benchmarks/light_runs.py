@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import repeat
 from typing import Any, Protocol
 from unittest.mock import patch
@@ -55,7 +55,7 @@ class Clip:
         frame = self.frames[index]
         t = frame.timestamp - self.frames[0].timestamp
         grey = relighter.relight(frame.grey, frame.depth, self.camera, t)
-        return Frame(frame.timestamp, grey, frame.depth)
+        return replace(frame, grey=grey)
 
 
 @dataclass(frozen=True)

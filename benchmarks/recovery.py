@@ -8,6 +8,7 @@ it took, and frames that were tracked more than 5 cm from where the camera was.
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -76,12 +77,12 @@ def trial(
     t = frames[walked - 1].timestamp
     for _ in range(5):
         t += COVERED_S / 5
-        odometry.track(Frame(t, np.full_like(frames[0].grey, 6), frames[0].depth))
+        odometry.track(replace(frames[0], timestamp=t, grey=np.full_like(frames[0].grey, 6)))
     found, wrong = None, 0
     for k in range(SECOND):
         t += PERIOD
         frame = frames[back + k]
-        result = odometry.track(Frame(t, frame.grey, frame.depth))
+        result = odometry.track(replace(frame, timestamp=t))
         if result.status is Status.LOST:
             continue
         T_true = se3.inverse(truth[0]) @ truth[back + k]

@@ -17,7 +17,6 @@ from benchmarks.speed import Call, interleave
 from edvo.config import Config
 from edvo.edges import EdgePixels
 from edvo.experiments.stage_times import seconds
-from edvo.frame import Frame
 from edvo.matching import Criterion, EdgeIndex
 from edvo.odometry import Odometry
 
@@ -151,10 +150,10 @@ def resized(recording: Recording, width: int, height: int, count: int) -> Record
     top = (camera.height - height) // 2
     size = (camera.width, camera.height)
     frames = [
-        Frame(
-            frame.timestamp,
-            np.ascontiguousarray(_resize(frame.grey, size, factor)[top : top + height]),
-            np.ascontiguousarray(
+        replace(
+            frame,
+            grey=np.ascontiguousarray(_resize(frame.grey, size, factor)[top : top + height]),
+            depth=np.ascontiguousarray(
                 cv2.resize(frame.depth, size, interpolation=cv2.INTER_NEAREST)[top : top + height]
             ),
         )

@@ -39,7 +39,12 @@ def frames(pipeline: rs.pipeline) -> Iterator[edvo.Frame]:
         # A copy, since the driver uses the memory of its images again.
         bgr = np.array(colour.get_data())
         try:
-            yield edvo.Frame.from_images(colour.get_timestamp() / 1000, bgr, metres)
+            yield edvo.Frame.from_images(
+                colour.get_timestamp() / 1000,
+                bgr,
+                metres,
+                depth_delay=(depth.get_timestamp() - colour.get_timestamp()) / 1000,
+            )
         except edvo.EdvoError as error:  # all of the depth is missing: the lens is covered
             print(error)
 

@@ -249,14 +249,15 @@ def frame_of(colour: Image, depth: Image) -> edvo.Frame:
     Returns
     -------
     edvo.Frame
-        With the time of the colour image.
+        With the time of the colour image, and how much later depth is.
     """
-    stamp = colour.header.stamp
+    stamp, late = colour.header.stamp, depth.header.stamp
     return edvo.Frame.from_images(
         stamp.sec + 1e-9 * stamp.nanosec,
         grey_of(_read(colour), "colour/image"),
         depth_of(_read(depth), "depth/image"),
         depth_scale=1000.0,
+        depth_delay=late.sec - stamp.sec + 1e-9 * (late.nanosec - stamp.nanosec),
     )
 
 

@@ -1,6 +1,6 @@
 import doctest
 import math
-from dataclasses import FrozenInstanceError
+from dataclasses import FrozenInstanceError, replace
 from typing import Any
 
 import cv2
@@ -113,6 +113,23 @@ def test_one_bad_depth_pixel_is_enough(value: float) -> None:
 def test_no_depth_at_all_has_its_own_error(depth: NDArray[Any]) -> None:
     with pytest.raises(NoDepthError, match="depth has no valid value"):
         Frame.from_images(0.0, GREY, depth)
+
+
+def test_the_delay_of_depth_is_kept() -> None:
+    assert Frame(1.0, GREY, DEPTH).depth_delay == 0.0
+    frame = Frame.from_images(1.0, COLOUR, MILLIMETRES, depth_delay=-0.012)
+    assert frame.depth_delay == -0.012
+    other = replace(frame, timestamp=2.0, grey=GREY)
+    assert (other.timestamp, other.depth_delay) == (2.0, -0.012)
+    assert type(Frame(1.0, GREY, DEPTH, np.float32(0.5)).depth_delay) is float  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("delay", [math.nan, math.inf, -math.inf, None, "late"])
+def test_a_delay_that_is_no_time_is_refused_in_one_line(delay: Any) -> None:
+    for make in (Frame, Frame.from_images):
+        with pytest.raises(FrameError) as caught:
+            make(1.0, GREY, DEPTH, depth_delay=delay)  # type: ignore[operator]
+        assert str(caught.value) == f"depth_delay is {delay!r}; give finite seconds"
 
 
 # --- what people have --------------------------------------------------------------------------

@@ -10,9 +10,9 @@ from edvo.odometry import Odometry, Status
 from . import problems
 
 
-def image(timestamp, level):
+def image(timestamp, level, depth_delay=0.0):
     grey = np.full((4, 6), level, np.uint8)
-    return Frame(timestamp, grey, np.full((4, 6), 1.0 + level / 100, np.float32))
+    return Frame(timestamp, grey, np.full((4, 6), 1.0 + level / 100, np.float32), depth_delay)
 
 
 def test_the_last_one_is_given_away_once():
@@ -39,6 +39,15 @@ def test_it_is_a_copy_and_taken_no_more_often_than_it_has_to_be():
     assert good.index == 0
     np.testing.assert_array_equal(good.frame.grey, first.grey)
     np.testing.assert_array_equal(good.frame.depth, first.depth)
+
+
+def test_the_delay_of_its_depth_goes_with_it():
+    kept = LastGood()
+    kept.note(0, image(0.0, 10, -0.012), np.eye(4))
+    kept.note(1, image(0.9 * APART_S, 20, 0.005), np.eye(4))
+    assert kept.take().frame.depth_delay == -0.012
+    kept.note(2, image(1.0, 30), np.eye(4))
+    assert kept.take().frame.depth_delay == 0.0
 
 
 def test_a_clock_that_starts_over_does_not_keep_the_old_one():

@@ -56,15 +56,15 @@ class Frame:
     depth_delay: float = 0.0
 
     def __post_init__(self) -> None:
-        try:
-            timestamp = float(self.timestamp)
-        except (TypeError, ValueError):
-            timestamp = math.nan
-        if not math.isfinite(timestamp):
-            raise FrameError(f"timestamp is {self.timestamp!r}; give finite seconds")
-        object.__setattr__(self, "timestamp", timestamp)
-        if not math.isfinite(self.depth_delay):
-            raise FrameError(f"depth_delay is {self.depth_delay}; give finite seconds")
+        for name in ("timestamp", "depth_delay"):
+            given = getattr(self, name)
+            try:
+                seconds = float(given)
+            except (TypeError, ValueError):
+                seconds = math.nan
+            if not math.isfinite(seconds):
+                raise FrameError(f"{name} is {given!r}; give finite seconds")
+            object.__setattr__(self, name, seconds)
         _check_image("grey", self.grey, np.dtype(np.uint8))
         _check_image("depth", self.depth, np.dtype(np.float32))
         _check_same_size("grey", self.grey, self.depth)

@@ -42,7 +42,8 @@ class LastGood:
 
     def forget(self) -> None:
         """Keep none."""
-        self._index, self._timestamp, self._T_world_cam = -1, 0.0, np.eye(4)
+        self._index, self._timestamp, self._depth_delay = -1, 0.0, 0.0
+        self._T_world_cam = np.eye(4)
 
     def note(self, index: int, frame: Frame, T_world_cam: NDArray[np.float64]) -> None:
         """Take a good image in place of the last one, if that is old enough.
@@ -62,7 +63,8 @@ class LastGood:
             self._grey, self._depth = np.empty_like(frame.grey), np.empty_like(frame.depth)
         np.copyto(self._grey, frame.grey)
         np.copyto(self._depth, frame.depth)
-        self._index, self._timestamp, self._T_world_cam = index, frame.timestamp, T_world_cam
+        self._index, self._timestamp, self._depth_delay = index, frame.timestamp, frame.depth_delay
+        self._T_world_cam = T_world_cam
 
     def take(self) -> Good | None:
         """Give the last one away.
@@ -74,7 +76,8 @@ class LastGood:
         """
         if self._index < 0:
             return None
-        frame = Frame(self._timestamp, self._grey.copy(), self._depth.copy())
+        images = self._grey.copy(), self._depth.copy()
+        frame = Frame(self._timestamp, *images, self._depth_delay)
         good = Good(self._index, frame, self._T_world_cam)
         self.forget()
         return good

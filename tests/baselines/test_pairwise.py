@@ -109,3 +109,17 @@ def test_a_recording_may_repeat_stamps_and_go_back() -> None:
     found = tracker.trajectory
     assert found.timestamps.tolist() == [0.0, 0.1, 0.2]
     np.testing.assert_allclose(found.poses[2], motion(1))
+
+
+def test_a_straightened_frame_has_the_times_of_the_bent_one() -> None:
+    prepared: list[Frame] = []
+
+    class Noting(Oracle):
+        def prepare(self, seen: Frame) -> int:
+            prepared.append(seen)
+            return super().prepare(seen)
+
+    bent = replace(CAMERA, distortion=(0.1, 0.0, 0.0, 0.0, 0.0))
+    tracker = PairwiseOdometry(bent, Noting(), keyframes=FRAME_TO_FRAME)
+    tracker.track(replace(frame(3), depth_delay=-0.007))
+    assert [(seen.timestamp, seen.depth_delay) for seen in prepared] == [(0.1, -0.007)]

@@ -290,16 +290,17 @@ def bag_of_real(folder: Path, to: Path, kind: str, frames: int, *, packed: bool)
         assert colour is not None
         assert depth is not None
         topics = "/camera/rgb/image_raw", "/camera/depth_registered/image_raw"
+        time, depth_time = pair.time, pair.time + pair.depth_delay
         if packed:
             messages += [
-                compressed(f"{topics[0]}/compressed", pair.time, colour, "bgr8; png"),
-                compressed(f"{topics[1]}/compressed", pair.time, depth, "16UC1; png"),
+                compressed(f"{topics[0]}/compressed", time, colour, "bgr8; png"),
+                compressed(f"{topics[1]}/compressed", depth_time, depth, "16UC1; png"),
             ]
         else:
             metres = depth.astype(np.float32) / np.float32(camera.depth_scale)
             messages += [
-                image(topics[0], pair.time, colour, "bgr8"),
-                image(topics[1], pair.time, metres, "32FC1"),
+                image(topics[0], time, colour, "bgr8"),
+                image(topics[1], depth_time, metres, "32FC1"),
             ]
     return write_bag(to, kind, messages)
 

@@ -1,6 +1,8 @@
 import json
 from pathlib import Path
 
+import pytest
+
 from .conftest import CAMERA, Command
 
 
@@ -47,3 +49,24 @@ def test_warns_of_stamps_that_repeat(edvo: Command, sequence: Path) -> None:
     done = edvo("info", sequence)
     assert done.status == 0
     assert "warning: rgb.txt" in done.out
+
+
+@pytest.mark.parametrize(
+    ("late", "told"),
+    [
+        (0.014, ["depth is 14 ms after colour (median of the stamps)"]),
+        (-0.0085, ["depth is 8.5 ms before colour (median of the stamps)"]),
+        (0.0, []),
+    ],
+)
+def test_says_by_how_much_depth_is_later(
+    edvo: Command, sequence: Path, late: float, told: list[str]
+) -> None:
+    rows = [line.split() for line in (sequence / "rgb.txt").read_text().splitlines()[1:]]
+    times = {name: float(time) for time, name in rows}
+    lines = [f"{time + late:.6f} {name.replace('rgb', 'depth', 1)}" for name, time in times.items()]
+    (sequence / "depth.txt").write_text("\n".join(lines))
+    done = edvo("info", sequence)
+    assert [line for line in done.out.splitlines() if line.startswith("depth is")] == told
+    checks = json.loads(edvo("info", sequence, "--json").out)["checks"]
+    assert checks["depth delay"] == {"verdict": "sound", "median_s": late}

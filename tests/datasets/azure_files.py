@@ -86,8 +86,9 @@ def write_azure(
     colour: str = "MJPG",
     names: tuple[str, str] = ("COLOR", "DEPTH"),
     unknown: bool = False,
+    late: int = 150,
 ) -> Path:
-    """Write a recording of frames: seconds, colour (BGR), depth (millimetres)."""
+    """Write a recording of frames: seconds, colour (BGR), depth (`late` by microseconds), in mm."""
     sizes = [frames[0][i].shape[1::-1] for i in (1, 2)]
     head = element(0x1A45DFA3, element(0x4282, "matroska"))
     info = element(0x1549A966, element(0x2AD7B1, 1000))  # microseconds
@@ -103,8 +104,8 @@ def write_azure(
         blocks = [
             element(0xE7, round(1e6 * seconds)),
             block(1, 0, coded(image, colour)),
-            block(2, 150, raw, group=index % 2 == 1),
-            block(3, 150, raw),
+            block(2, late, raw, group=index % 2 == 1),
+            block(3, late, raw),
         ]
         parts.append(element(0x1F43B675, b"".join(blocks), unknown=unknown))
     path.write_bytes(head + element(0x18538067, b"".join(parts), unknown=unknown))

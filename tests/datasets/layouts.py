@@ -82,15 +82,16 @@ def write_tum(
     camera: Camera | None = None,
     stamps=None,
     truth: bool = True,
+    late: float = 0.0,
 ) -> Path:
-    """The twin in TUM's layout."""
+    """The twin in TUM's layout; `late` is the delay of depth, seconds."""
     stamps = stamps or [stamp(index) for index in range(FRAMES)]
     rows: dict[str, list[str]] = {"rgb": [], "depth": []}
     for index, text in enumerate(stamps):
         write_image(folder / f"rgb/{text}{suffix}", of.colour[index])
         write_image(folder / f"depth/{text}.png", of.values(index, scale))
         rows["rgb"].append(f"{text} rgb/{text}{suffix}\n")
-        rows["depth"].append(f"{text} depth/{text}.png\n")
+        rows["depth"].append(f"{float(text) + late:.6f} depth/{text}.png\n")
     for kind, lines in rows.items():
         (folder / f"{kind}.txt").write_text("# timestamp filename\n" + "".join(lines))
     if truth:
@@ -121,6 +122,7 @@ def assert_same(source, twin_folder: Path, *, stamps: bool = True, poses: float 
         assert ours.stamp == source.stamps[index]
         np.testing.assert_array_equal(ours.frame.grey, theirs.frame.grey)
         np.testing.assert_array_equal(ours.frame.depth, theirs.frame.depth)
+        np.testing.assert_allclose(ours.frame.depth_delay, theirs.frame.depth_delay, atol=1e-6)
     # Times of seven digits or of nine: the tracker foresees its motion by them.
     np.testing.assert_allclose(track(source).poses, track(twin).poses, atol=1e-6)
     if twin.ground_truth is not None:

@@ -15,7 +15,7 @@ from rosbags.rosbag1 import Writer
 from edvo import se3
 from edvo.camera import Camera
 
-from .ros_bags import TYPES, Message, camera_info, image, serialise
+from .ros_bags import TYPES, Message, camera_info, image, serialise, write_bag
 
 ZERO = (0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -46,10 +46,13 @@ Images = Sequence[tuple[float, NDArray[np.uint8], NDArray[np.uint16]]]
 """Seconds, colour (RGB), depth."""
 
 
-def write_old(path: Path, device: Device, images: Images, **changes: Any) -> Path:
+def write_old(
+    path: Path, device: Device, images: Images, *, late: float = 0.0, **changes: Any
+) -> Path:
     """Write a .bag: version 2.57 of the SDK and before.
 
-    `changes` puts another message in the place of those of a topic, or None for none.
+    Depth is stamped `late` seconds after colour. `changes` puts another message in the place of
+    those of a topic, or None for none.
     """
     info, kinds = "realsense_msgs/msg/StreamInfo", ("Depth_0", "Color_0")
     if info not in TYPES[False].types:
@@ -87,7 +90,8 @@ def write_old(path: Path, device: Device, images: Images, **changes: Any) -> Pat
         for index, (seconds, colour, depth) in enumerate(images):
             shown = depth if number == 0 else colour
             recorded = 0.01 + (seconds - images[0][0]) + 0.001 * number
-            made = image(f"{base}/image/data", seconds, shown, encoding, frame="1")
+            time = seconds if number else seconds + late
+            made = image(f"{base}/image/data", time, shown, encoding, frame="1")
             # The SDK's images end with their depth unit, which ROS's do not have.
             unit = struct.pack("<f", 0.0 if number else device.units)
             raw = bytes(serialise(made, False)) + unit
@@ -205,3 +209,34 @@ def intrinsics(camera: Camera, model: str, coefficients: Sequence[float]) -> Any
 
 def _texts(*texts: str) -> bytes:
     return b"".join(struct.pack("<I", len(text)) + text.encode() for text in texts)
+
+
+def write_plain(
+    path: Path, device: Device, images: Images, *, late: float, untold: Sequence[str] = ()
+) -> Path:
+    """Write a .db3 without the SDK; the streams `untold` ("Depth_0") have no times of their own."""
+    text, messages = "std_msgs/msg/String", list[Message]()
+
+    def say(topic: str, words: str, recorded: float = 0.001) -> None:
+        data = words.encode() + b"\0"
+        raw = b"\0\1\0\0" + struct.pack("<I", len(data)) + data
+        messages.append(Message(topic, text, recorded, raw=raw))
+
+    say("/device_0/sensor_0/option/Depth_Units/value", str(device.units))
+    for number, (camera, model, coefficients) in enumerate(device.streams()):
+        kind, encoding = (("Depth_0", "mono16"), ("Color_0", "rgb8"))[number]
+        base = f"/device_0/sensor_{number}/{kind}"
+        told = f"fx={camera.fx};fy={camera.fy};ppx={camera.cx};ppy={camera.cy}"
+        told += f";width={camera.width};height={camera.height};model={model}"
+        say(f"{base}/camera_info", told + ";coeffs=" + ",".join(map(str, coefficients)))
+        say(f"{base}/tf/1", "rotation=1,0,0,0,1,0,0,0,1;translation=0,0,0")
+        for index, (seconds, colour, depth) in enumerate(images):
+            shown, time = (depth, seconds + late) if number == 0 else (colour, seconds)
+            recorded = 1.0 + index / 30 + 0.009 * number  # by the writer's own clock
+            data = f"{base}/image/data"
+            messages.append(image(data, recorded, shown, encoding, recorded=recorded))
+            if kind not in untold:
+                say(f"{base}/image/metadata", f"timestamp={1000 * time:.6f}", recorded)
+    folder = write_bag(path, "sqlite3", messages)
+    (file,) = folder.glob("*.db3")
+    return file

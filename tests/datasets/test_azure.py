@@ -236,3 +236,15 @@ def test_register_depth_agrees(tmp_path: Path) -> None:
     middle = slice(150, 210), slice(300, 340)
     np.testing.assert_allclose(frame.depth[middle], expected[middle], atol=0.01)
     assert se3.rotation_angle(T) > 0.1
+
+
+def test_the_delay_of_depth_is_that_of_the_blocks(tmp_path: Path) -> None:
+    source = open_source(write_azure(tmp_path / "a.mkv", frames(2)))
+    for index in range(2):
+        frame = source.read(index).frame
+        assert frame is not None
+        assert frame.depth_delay == pytest.approx(150e-6, abs=1e-12)
+    source = open_source(write_azure(tmp_path / "b.mkv", frames(2), late=-12_000))
+    frame = source.read(1).frame
+    assert frame is not None
+    assert frame.depth_delay == pytest.approx(-0.012, abs=1e-12)

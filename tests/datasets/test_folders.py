@@ -160,7 +160,8 @@ def test_redwood_scans_have_microseconds_in_their_names(tmp_path):
     assert source.stamps[2] == "0.066738"
     assert source.format == "open3d"
     stamps = [f"{index * 0.033369:.6f}" for index in range(FRAMES)]
-    assert_same(source, write_tum(tmp_path / "twin", of, scale=1000, suffix=".jpg", stamps=stamps))
+    twin = write_tum(tmp_path / "twin", of, scale=1000, suffix=".jpg", stamps=stamps, late=0.005)
+    assert_same(source, twin)
 
 
 @pytest.mark.parametrize(
@@ -329,3 +330,22 @@ def test_a_synthetic_sequence_without_its_lists_is_not_whole(tmp_path):
     with pytest.raises(DatasetError, match="no known recording"):
         open_source(folder)
     assert len(open_source(folder, format="folder")) == FRAMES
+
+
+@pytest.mark.parametrize("late", [7, -4])
+def test_names_that_are_times_tell_the_delay_of_depth(tmp_path, late):
+    folder = write_generic(
+        tmp_path / "mine", recording(), names=[f"{START // 10**6 + i * 33}" for i in range(FRAMES)]
+    )
+    for file in sorted((folder / "depth").iterdir()):
+        file.rename(file.with_name(f"{int(file.stem) + late}.png"))
+    source = open_source(folder)
+    assert len(source) == FRAMES
+    for index in range(FRAMES):
+        delay = source.read(index).frame.depth_delay
+        assert delay == late / 1000
+
+
+def test_names_that_are_numbers_tell_no_delay(tmp_path):
+    source = open_source(write_generic(tmp_path / "mine", recording()))
+    assert {source.read(index).frame.depth_delay for index in range(FRAMES)} == {0.0}

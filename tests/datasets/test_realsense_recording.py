@@ -16,7 +16,7 @@ from edvo.synthesis.sequence import SyntheticSource, make_recipe, write_sequence
 
 pytest.importorskip("rosbags", reason="pip install 'edvo[ros]'")
 
-from .realsense_files import Device, intrinsics, load_sdk, write_new, write_old
+from .realsense_files import Device, intrinsics, load_sdk, write_new, write_old, write_plain
 
 CAMERA = Camera(160, 120, 150.0, 151.0, 79.0, 60.5)
 INVERSE = (0.09, -0.05, 0.001, 0.002, 0.01)
@@ -214,3 +214,33 @@ def test_units_are_assumed_aloud(source: SyntheticSource, tmp_path: Path) -> Non
     found = open_source(path)
     assert found.camera.depth_scale == 1000.0
     assert any("depth units" in warning for warning in found.warnings)
+
+
+def delays(path: Path) -> list[float]:
+    found = open_source(path)
+    frames = [found.read(index).frame for index in range(len(found))]
+    assert len(frames) == 4
+    return [frame.depth_delay for frame in frames if frame is not None]
+
+
+@pytest.mark.parametrize("late", [0.004, -0.011])
+def test_the_delay_of_depth_is_that_of_the_device(
+    source: SyntheticSource, tmp_path: Path, late: float
+) -> None:
+    device, shown = Device(CAMERA, CAMERA), images(source, 0.001)[:4]
+    for path in (
+        write_old(tmp_path / "old", device, shown, late=late),
+        write_plain(tmp_path / "new", device, shown, late=late),
+    ):
+        np.testing.assert_allclose(delays(path), [late] * 4, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("untold", [("Depth_0", "Color_0"), ("Depth_0",)])
+def test_times_of_recording_tell_no_delay(
+    source: SyntheticSource, tmp_path: Path, untold: tuple[str, ...]
+) -> None:
+    # Of one stream alone they match those of the other only if both clocks happen to.
+    shown = [(1.009 + k / 30, *both) for k, (_, *both) in enumerate(images(source, 0.001)[:4])]
+    path = write_plain(tmp_path / "new", Device(CAMERA, CAMERA), shown, late=0.004, untold=untold)
+    assert any("times are those of recording" in told for told in open_source(path).warnings)
+    assert delays(path) == [0.0] * 4

@@ -494,3 +494,26 @@ def test_driver_defaults_in_a_bag_of_a_known_set_are_doubted(tmp_path):
     (warning,) = open_bag(bag).warnings
     assert "--camera tum-fr1" in warning
     assert open_bag(bag, camera="tum-fr1").warnings == ()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("late", [0.005, -0.013])
+def test_the_delay_of_depth_is_that_of_the_headers(tmp_path, kind, late):
+    messages = [*colours(), *depths(late=late), camera_info(INFO, STAMPS[0])]
+    source = open_source(write_bag(tmp_path / "recording", kind, messages))
+    found = [source.read(index).frame.depth_delay for index in range(3)]
+    np.testing.assert_allclose(found, late, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("without", ["both", "depth"])
+def test_times_of_recording_tell_no_delay(tmp_path, without):
+    messages = [camera_info(INFO, 1.0)]
+    for index in range(3):
+        time = 1.0 + index / 30
+        stamp = 0.0 if without == "both" else time
+        first = image(COLOUR, stamp, colour_image(index), "bgr8", recorded=time)
+        second = image(DEPTH, 0.0, depth_image(index), "16UC1", recorded=time + 0.007)
+        messages += [first, second]
+    source = open_source(write_bag(tmp_path / "bag", "mcap", messages))
+    assert "headers have no stamps; times are those of recording" in source.warnings
+    assert [source.read(index).frame.depth_delay for index in range(3)] == [0.0, 0.0, 0.0]

@@ -283,3 +283,56 @@ def test_a_single_frame_is_a_source(make_folder):
     source = open_source(make_folder(colour=("1.0",), depth=("1.0",)))
     assert len(source) == 1
     assert source.describe()["frame_rate_hz"] is None
+
+
+def test_the_delay_of_depth_is_that_of_the_stamps(make_folder):
+    folder = make_folder(
+        colour=("1.000", "1.030", "1.060", "2.000"), depth=("0.995", "1.004", "1.045", "2.000")
+    )
+    delays = [0.004, 0.015, -0.015, 0.0]
+    source = open_source(folder)
+    found = [source.read(index).frame.depth_delay for index in range(4)]
+    np.testing.assert_allclose(found, delays, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("order", ["depth first", "colour first"])
+def test_the_delay_in_a_list_of_pairs(make_folder, order):
+    folder = make_folder()
+    (folder / "rgb.txt").unlink()
+    (folder / "depth.txt").unlink()
+    # The last two have nothing to do with their partners: other clocks, paired by hand.
+    stamps = [("1.0", "1.012"), ("1.1", "1.095"), ("1.2", "1.225"), ("1.3", "77.0")]
+    rows = [
+        (f"{colour} rgb/{i % 3}.png", f"{depth} depth/{i % 3}.png")
+        for i, (colour, depth) in enumerate(stamps)
+    ]
+    if order == "depth first":
+        rows = [row[::-1] for row in rows]
+    (folder / "associations.txt").write_text("\n".join(" ".join(row) for row in rows))
+    source = open_source(folder)
+    assert list(source.stamps) == ["1.0", "1.1", "1.2", "1.3"]
+    found = [source.read(index).frame.depth_delay for index in range(4)]
+    np.testing.assert_allclose(found, [0.012, -0.005, 0.0, 0.0], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("joint", [True, False])
+def test_the_delay_in_frame_numbers(make_folder, joint):
+    colour, depth = ("0", "1", "2"), ("0", "1.015", "1.985")
+    folder = make_folder(colour=colour, depth=depth)
+    if joint:
+        (folder / "rgb.txt").unlink()
+        rows = [f"{colour[i]} rgb/{i}.png {depth[i]} depth/{i}.png" for i in range(3)]
+        (folder / "associations.txt").write_text("\n".join(rows))
+    source = open_source(folder)
+    np.testing.assert_allclose(source.timestamps, [0, 1 / 30, 2 / 30])
+    found = [source.read(index).frame.depth_delay for index in range(3)]
+    np.testing.assert_allclose(found, [0.0, 0.0005, -0.0005], rtol=0, atol=1e-12)
+
+
+def test_neighbouring_frame_numbers_are_no_delay(make_folder):
+    folder = make_folder()
+    (folder / "rgb.txt").unlink()
+    rows = [f"{i} rgb/{i}.png {i + 1} depth/{i}.png" for i in range(3)]
+    (folder / "associations.txt").write_text("\n".join(rows))
+    source = open_source(folder)
+    assert [source.read(index).frame.depth_delay for index in range(3)] == [0.0, 0.0, 0.0]

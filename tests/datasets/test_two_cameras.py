@@ -231,8 +231,8 @@ def test_two_cameras_that_are_one_need_no_registration():
 # --------------------------------------------------------------------------------------- .sens
 
 
-def write_sens(file, of, *, colour="jpg", depth="zlib", times=True, **header):
-    """As ScanNet's C++ writes it."""
+def write_sens(file, of, *, colour="jpg", depth="zlib", times=True, late=0, **header):
+    """As ScanNet's C++ writes it; depth is so many microseconds later."""
     c = of.camera
     values = {"version": 4, "name": 8, "size": (c.width, c.height), "depth_size": None}
     values |= {"frames": FRAMES, "kinds": ({"raw": 0, "png": 1, "jpg": 2}[colour], 1)}
@@ -262,19 +262,24 @@ def write_sens(file, of, *, colour="jpg", depth="zlib", times=True, **header):
         second = zlib.compress(second) if depth == "zlib" else second
         out += of.poses[index].astype("<f4").tobytes()
         time = 5_000_000 + index * 33_333 if times else 0
-        out += struct.pack("<4Q", time, time, len(first), len(second)) + first + second
+        out += struct.pack("<4Q", time, time + late, len(first), len(second)) + first + second
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_bytes(out + struct.pack("<Q", 0))
     return file
 
 
-@pytest.mark.parametrize(("colour", "depth"), [("jpg", "zlib"), ("png", "raw"), ("raw", "zlib")])
-def test_sens(tmp_path, colour, depth):
+@pytest.mark.parametrize(
+    ("colour", "depth", "late"), [("jpg", "zlib", 0), ("png", "raw", 4000), ("raw", "zlib", -9000)]
+)
+def test_sens(tmp_path, colour, depth, late):
     of = recording()
-    file = write_sens(tmp_path / "scene0000_00/scene0000_00.sens", of, colour=colour, depth=depth)
+    file = tmp_path / "scene0000_00/scene0000_00.sens"
+    write_sens(file, of, colour=colour, depth=depth, late=late)
     stamps = [f"{5 + index * 0.033333:.6f}" for index in range(FRAMES)]
     suffix = ".jpg" if colour == "jpg" else ".png"
-    twin = write_tum(tmp_path / "twin", of, scale=1000, suffix=suffix, stamps=stamps)
+    twin = write_tum(
+        tmp_path / "twin", of, scale=1000, suffix=suffix, stamps=stamps, late=late / 1e6
+    )
     for path in (file, file.parent):
         source = open_source(path)
         assert source.format == "sens"
@@ -283,6 +288,15 @@ def test_sens(tmp_path, colour, depth):
         camera = replace(source.camera, fx=CAMERA.fx, cy=CAMERA.cy)
         assert replace(camera, depth_scale=5000.0) == CAMERA
         assert_same(source, twin, poses=1e-6)
+
+
+@pytest.mark.parametrize(
+    "changes", [{"late": 20_001}, {"late": -5_000_000}, {"times": False, "late": 3000}]
+)
+def test_sens_whose_stamps_tell_no_delay(tmp_path, changes):
+    """Of another clock, without those of depth, and without those of colour."""
+    source = open_source(write_sens(tmp_path / "a.sens", recording(), **changes))
+    assert {source.read(index).frame.depth_delay for index in range(FRAMES)} == {0.0}
 
 
 def test_sens_without_times(tmp_path):

@@ -14,6 +14,8 @@ from edvo.trajectory import Trajectory
 
 from . import stubs
 
+LATE_S = 0.004  # depth after colour
+
 
 @pytest.fixture(scope="module")
 def source() -> SyntheticSource:
@@ -46,7 +48,7 @@ class Images:
         return Image(self._bgr, self._seconds)
 
     def get_depth_frame(self) -> "Image":
-        return Image(self._depth, self._seconds)
+        return Image(self._depth, self._seconds + LATE_S)
 
 
 class Image:
@@ -132,7 +134,9 @@ def test_realsense_follows_and_writes_on_interrupt(
         pipeline_profile=Profile,
     )
     monkeypatch.chdir(tmp_path)
-    stubs.load("realsense.py")["main"]()
+    example = stubs.load("realsense.py")
+    assert next(example["frames"](Pipeline())).depth_delay == pytest.approx(LATE_S)
+    example["main"]()
     out = capsys.readouterr().out.splitlines()
     assert stopped
     poses = Trajectory.read(tmp_path / "trajectory.txt")

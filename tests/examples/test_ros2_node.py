@@ -229,3 +229,11 @@ def test_uncertainty_adds_up_from_keyframe_to_keyframe(node: dict[str, Any]) -> 
 
 def test_stubs_do_not_stay() -> None:
     assert "tf2_ros" not in sys.modules
+
+
+@pytest.mark.parametrize("late", [0.012, -0.015])
+def test_a_frame_has_both_stamps(node: dict[str, Any], late: float) -> None:
+    grey, depth = np.full((4, 6), 90, np.uint8), np.full((4, 6), 1500, np.uint16)
+    frame = node["frame_of"](image(grey, "mono8", 17.99), image(depth, "16UC1", 18.0 - 0.01 + late))
+    assert frame.timestamp == pytest.approx(17.99)
+    assert frame.depth_delay == pytest.approx(late, abs=1e-8)

@@ -1,5 +1,7 @@
 """Fig. 3 in a small setting."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -25,6 +27,14 @@ def test_the_same_light_changes_nothing(bench: Bench, monkeypatch: pytest.Monkey
     assert fig3.shares(looks) == (1.0, 1.0)
     assert all(len(look.angles) == len(look.edges) and look.change == 0 for look in looks)
     assert fig3.judge({"a": looks}).holds
+
+
+def test_depth_is_as_late_as_it_was(bench: Bench) -> None:
+    sequence = bench.sequence("fr3/long_office_household")
+    late = replace(sequence.frames[0], depth_delay=0.012)
+    (look,) = fig3.look(sequence, [late], 0)
+    assert look.relit.depth_delay == 0.012
+    assert (look.relit.grey != late.grey).any()
 
 
 def test_directions_that_turn_do_not_hold(bench: Bench) -> None:

@@ -20,6 +20,7 @@ def stream(seed: int, count: int = COUNT) -> list[Frame]:
             k / 30,
             rng.integers(60, 200, shape, np.uint8),
             rng.uniform(1, 3, shape).astype(np.float32),
+            depth_delay=seed / 100 + k / 1000,
         )
         for k in range(count)
     ]
@@ -59,6 +60,14 @@ def test_the_same_seed_gives_the_same_bytes(kind: str) -> None:
 @pytest.mark.parametrize("kind", ["black", "hand", "arm"])
 def test_another_seed_gives_other_noise(kind: str) -> None:
     assert images(make(kind, seed=3)) != images(make(kind, seed=4))
+
+
+@pytest.mark.parametrize("kind", BREAKAGES)
+def test_depth_is_as_late_as_it_was_where_it_was_taken(kind: str) -> None:
+    for k, one in enumerate(make(kind)[START:END]):
+        if one.frame is not None:
+            taken = {"frozen": GOOD[START - 1], "swapped": ELSEWHERE[k % 4]}
+            assert one.frame.depth_delay == taken.get(kind, GOOD[START + k]).depth_delay
 
 
 def test_black_is_dark_but_not_without_noise_and_depth_goes_on() -> None:

@@ -372,6 +372,7 @@ def test_the_relit_source_shows_what_the_relit_folder_holds(tmp_path: Path) -> N
         assert plain is not None
         assert np.abs(one.grey.astype(int) - other.grey).max() <= 2
         assert (one.depth == plain.depth).all()
+        assert one.depth_delay == other.depth_delay == pytest.approx(0.012, abs=1e-6)
         assert (one.grey != plain.grey).any()
 
 

@@ -61,6 +61,7 @@ def test_what_is_read_from_files_is_what_is_in_memory(tmp_path: Path) -> None:
         np.testing.assert_array_equal(a.frame.grey, b.frame.grey)
         np.testing.assert_array_equal(a.frame.depth, b.frame.depth)
         assert a.timestamp == b.timestamp
+        assert a.frame.depth_delay == b.frame.depth_delay != 0.0
     truth = written.ground_truth
     assert truth is not None
     np.testing.assert_allclose(truth.poses, source.ground_truth.poses, atol=1e-9)
@@ -104,6 +105,16 @@ def test_depth_comes_from_its_own_instant() -> None:
     view = apart._renderer.render(apart.recipe.motion.at(float(apart.recipe.depth_times[2])))
     seen = view.depth < 13
     np.testing.assert_allclose(apart.depth(2)[seen] / 5000, view.depth[seen], atol=1.1e-4)
+    frames = [source.read(2).frame for source in (together, apart)]
+    delays = [frame.depth_delay for frame in frames if frame is not None]
+    np.testing.assert_allclose(delays, [0.0, 0.015], rtol=0, atol=1.1e-6)
+
+
+def test_depth_may_be_the_older_one() -> None:
+    # The second colour image, at 33 ms, is nearest to the first depth image, at 18 ms.
+    frame = SyntheticSource(recipe(depth_clock=Clock(30, offset=0.018))).read(1).frame
+    assert frame is not None
+    assert frame.depth_delay == pytest.approx(-1 / 30 + 0.018, abs=1.1e-6)
 
 
 def test_a_frame_without_depth_nearby_has_a_problem() -> None:

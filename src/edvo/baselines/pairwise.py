@@ -1,7 +1,7 @@
 """A tracker made of anything that registers one frame with another."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -276,10 +276,10 @@ class PairwiseOdometry:
             )
         if not camera.is_distorted:
             return frame
-        return Frame(
-            frame.timestamp,
-            camera.undistort_image(frame.grey),
-            camera.undistort_depth(frame.depth),
+        return replace(
+            frame,
+            grey=camera.undistort_image(frame.grey),
+            depth=camera.undistort_depth(frame.depth),
         )
 
 

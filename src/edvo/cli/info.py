@@ -9,6 +9,7 @@ from edvo.cli.recording import open_recording
 from edvo.cli.terminal import say
 from edvo.config import Config
 from edvo.datasets.inspection import examine
+from edvo.datasets.inspection.delay import DEPTH_DELAY
 from edvo.datasets.inspection.depth_range import DEPTH_RANGE
 
 
@@ -41,6 +42,9 @@ def info(
     for finding in findings:
         if finding.check == DEPTH_RANGE:
             say(f"depth: {_depth(finding.measured)}")
+        if finding.check == DEPTH_DELAY and (delay := finding.measured["median_s"]):
+            order = "after" if delay > 0 else "before"
+            say(f"depth is {1e3 * abs(delay):.3g} ms {order} colour (median of the stamps)")
         if finding.undecided:
             say(f"not checked: {finding.check}: {finding.undecided}")
     for warning in warnings:

@@ -44,3 +44,21 @@ def associate(
     partner = nearest_indices(depth, colour)
     kept = np.flatnonzero(np.abs(depth[partner] - colour) <= max_difference)
     return kept, partner[kept]
+
+
+def stamped_delay(colour: float, depth: float) -> float:
+    """Say by how much depth is later than the colour image that it was paired with already.
+
+    Parameters
+    ----------
+    colour, depth : float
+        Times of both as they are stamped, seconds.
+
+    Returns
+    -------
+    float
+        Seconds, to the microsecond: of times since 1970 a float has hardly more. 0 if they are
+        further apart than the images of a frame may be: such stamps are of different clocks.
+    """
+    delay = round(depth - colour, 6)
+    return delay if abs(delay) <= MAX_DIFFERENCE_S else 0.0

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from edvo.datasets.association import MAX_DIFFERENCE_S, associate
+from edvo.datasets.association import MAX_DIFFERENCE_S, associate, stamped_delay
 from edvo.datasets.listed import ImagePair
 from edvo.errors import DatasetError
 
@@ -232,7 +232,7 @@ def _by_time(
             ours[i],
             first[ours[i]][1],
             second[theirs[j]],
-            depth_delay=theirs[j] - ours[i],
+            stamped_delay(ours[i], theirs[j]),
         )
         for i, j in zip(kept.tolist(), partners.tolist(), strict=True)
     ]

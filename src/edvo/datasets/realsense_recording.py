@@ -122,7 +122,7 @@ def _open(bag: Bag, camera: CameraChoice) -> ListedSource:
     T_colour_depth = _from_reference(bag, colour) @ se3.inverse(_from_reference(bag, depth))
     both = TwoCameras(colour_camera, depth_camera, T_colour_depth)
     found = bag.places(colour.topic, depth.topic)
-    colours, depths = (
+    (colours, colour_stamped), (depths, depth_stamped) = (
         _times(bag, stream, places, warnings)
         for stream, places in zip((colour, depth), found, strict=True)
     )
@@ -136,6 +136,7 @@ def _open(bag: Bag, camera: CameraChoice) -> ListedSource:
     stamps = [stamp_text(stamp) for stamp in colours.stamps[kept]]
     pairs = [(colours.places[i], depths.places[j]) for i, j in zip(kept, partners, strict=True)]
     delays = seconds(depths.stamps[partners] - colours.stamps[kept], 0)
+    delays *= colour_stamped and depth_stamped
     frame_camera = both.camera
 
     def load(index: int) -> Frame:
@@ -178,16 +179,19 @@ def _one(bag: Bag, streams: Sequence[_Stream], *kinds: str) -> _Stream:
     )
 
 
-def _times(bag: Bag, stream: _Stream, places: Sequence[Place], warnings: list[str]) -> Stamped:
-    """Give when the images of a stream were taken."""
-    stamped = stamp_topic(bag, stream.topic, places)
+def _times(
+    bag: Bag, stream: _Stream, places: Sequence[Place], warnings: list[str]
+) -> tuple[Stamped, bool]:
+    """Give when the images of a stream were taken, and whether it was the device that told."""
+    stamped, is_told = stamp_topic(bag, stream.topic, places), True
     if bag.ros2:  # headers have the time of recording there; the images' own is beside them
         taken = _metadata_times(bag, stream)
         if taken is not None and len(taken) == len(places) == len(stamped.places):
             stamped = replace(stamped, stamps=taken)
         else:
             warnings.append(f"{stream.topic}: times are those of recording")
-    return stamped.in_order(warnings)
+            is_told = False
+    return stamped.in_order(warnings), is_told
 
 
 def _metadata_times(bag: Bag, stream: _Stream) -> NDArray[np.int64] | None:

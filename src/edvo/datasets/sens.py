@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from edvo import se3
 from edvo.camera import Camera
+from edvo.datasets.association import stamped_delay
 from edvo.datasets.images import decode_image
 from edvo.datasets.known_cameras import choose_camera
 from edvo.datasets.listed import CameraChoice, ListedSource, Truth
@@ -86,14 +87,19 @@ class SensFormat:
                 poses = [entry.T_world_rig @ T_rig_colour for entry in scan.frames]
             return truth_of(frames, poses, file)
 
+        delays = [entry.depth_delay if told != NO_TIMES else 0.0 for entry in scan.frames]
         frame_camera = both.camera
+
+        def load(index: int) -> Frame:
+            return scan.load(index, frames[index][1], both, frame_camera, delays[index])
+
         return ListedSource(
             path,
             format=self.name,
             recognised_by=self.recognise(path),
             stamps=[stamp for stamp, _ in frames],
             times=[time for _, time in frames],
-            load=lambda index: scan.load(index, frames[index][1], both, frame_camera),
+            load=load,
             camera=(frame_camera, origin),
             truth=truth,
             warnings=warnings,
@@ -107,9 +113,14 @@ class _Entry:
 
     T_world_rig: NDArray[np.float64]
     microseconds: int
+    depth_microseconds: int
     at: int
     colour_bytes: int
     depth_bytes: int
+
+    @property
+    def depth_delay(self) -> float:
+        return stamped_delay(0.0, (self.depth_microseconds - self.microseconds) / 1e6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +137,9 @@ class _Scan:
     declared: int
     frames: tuple[_Entry, ...]
 
-    def load(self, index: int, time: float, both: TwoCameras, camera: Camera) -> Frame:
+    def load(
+        self, index: int, time: float, both: TwoCameras, camera: Camera, depth_delay: float
+    ) -> Frame:
         entry = self.frames[index]
         name = f"{self.file} frame {index}"
         try:
@@ -140,6 +153,7 @@ class _Scan:
             (f"{name} colour", self._colour(colour, f"{name} colour")),
             (f"{name} depth", self._depth(depth, f"{name} depth")),
             camera,
+            depth_delay,
         )
 
     def _colour(self, data: bytes, name: str) -> NDArray[np.uint8]:
@@ -235,13 +249,13 @@ def _entries(stream: BinaryIO, size: int, declared: int) -> Iterator[_Entry]:
         header = stream.read(_FRAME.size)
         if len(header) < _FRAME.size:
             return
-        *pose, colour_time, _, colour_bytes, depth_bytes = _FRAME.unpack(header)
+        *pose, colour_time, depth_time, colour_bytes, depth_bytes = _FRAME.unpack(header)
         at = stream.tell()
         if at + colour_bytes + depth_bytes > size:
             return
         stream.seek(at + colour_bytes + depth_bytes)
         T_world_rig = np.array(pose, np.float64).reshape(4, 4)
-        yield _Entry(T_world_rig, colour_time, at, colour_bytes, depth_bytes)
+        yield _Entry(T_world_rig, colour_time, depth_time, at, colour_bytes, depth_bytes)
 
 
 def _times(scan: _Scan) -> tuple[list[tuple[str, float]], str]:

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from edvo.datasets.association import MAX_DIFFERENCE_S, associate
+from edvo.datasets.association import MAX_DIFFERENCE_S, associate, stamped_delay
 from edvo.datasets.known_cameras import choose_camera
 from edvo.datasets.listed import CameraChoice, ImagePair, Truth, pair_source
 from edvo.datasets.names import number_in
@@ -270,7 +270,7 @@ def _associate(
         replace(
             colour[i],
             files=colour[i].files + depth[j].files,
-            depth_delay=depth[j].time - colour[i].time,
+            depth_delay=stamped_delay(colour[i].time, depth[j].time),
         )
         for i, j in zip(kept.tolist(), partners.tolist(), strict=True)
     ]
@@ -361,8 +361,7 @@ def read_pairs(file: Path) -> list[Row]:
         if name.lower().startswith("depth"):
             stamp, other_stamp, name, other_name = other_stamp, stamp, other_name, name
         time, depth_time = (_time(each, file, line) for each in (stamp, other_stamp))
-        # Paired by hand they may have nothing to do with each other.
-        delay = depth_time - time if abs(depth_time - time) <= MAX_DIFFERENCE_S else 0.0
+        delay = stamped_delay(time, depth_time)
         rows.append(Row(line, stamp, time, (name, other_name), delay))
     return rows
 

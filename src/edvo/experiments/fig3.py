@@ -1,7 +1,7 @@
 """Fig. 3: directions of the gradients on edges, and how well they last when the light changes."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,7 +108,7 @@ def look(sequence: Sequence, frames: Iterable[Frame], seed: int) -> list[Look]:
     for frame in frames:
         t = frame.timestamp - begin
         grey = relighter.relight(frame.grey, frame.depth, sequence.camera, t)
-        relit = Frame(frame.timestamp, grey, frame.depth)
+        relit = replace(frame, grey=grey)
         edges, other = (extract_edges(image.grey, config) for image in (frame, relit))
         here, there = common_edges(edges.index, other.index, frame.grey.shape[1])
         angles = angles_between(raw_edges(edges)[1][here], raw_edges(other)[1][there])

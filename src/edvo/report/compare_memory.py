@@ -51,6 +51,7 @@ def frames_on_disk(frames: Sequence[Frame]) -> Iterator[Path]:
             timestamp=np.array([frame.timestamp for frame in frames]),
             grey=np.array([frame.grey for frame in frames]),
             depth=np.array([frame.depth for frame in frames]),
+            depth_delay=np.array([frame.depth_delay for frame in frames]),
         )
         yield path
 
@@ -100,7 +101,7 @@ def _grown(job: dict[str, Any]) -> float:
     cv2.setNumThreads(1)
     camera = Camera.from_dict(job["camera"], where=_CAMERA)
     with np.load(job["frames"]) as data:
-        columns = (data["timestamp"].tolist(), data["grey"], data["depth"])
+        columns = [data[name] for name in ("timestamp", "grey", "depth", "depth_delay")]
     frames = [Frame(*each) for each in zip(*columns, strict=True)]
     gc.collect()
     before = _forget_peak()

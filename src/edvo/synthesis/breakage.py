@@ -6,7 +6,7 @@ stay as they were: the camera moves on while its images tell nothing.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -77,17 +77,17 @@ def black(moment: Moment) -> Frame:
     """Show a black image, with noise; depth is measured on."""
     noise = moment.rng.normal(BLACK, READ_NOISE, moment.seen.grey.shape)
     grey = np.clip(np.rint(noise), 0, 255).astype(np.uint8)
-    return Frame(moment.seen.timestamp, grey, moment.seen.depth)
+    return replace(moment.seen, grey=grey)
 
 
 def frozen(moment: Moment) -> Frame:
     """Show the last image and the last depth again, to the bit, with new stamps."""
-    return Frame(moment.seen.timestamp, moment.last.grey, moment.last.depth)
+    return replace(moment.last, timestamp=moment.seen.timestamp)
 
 
 def swapped(moment: Moment) -> Frame:
     """Show what another camera sees."""
-    return Frame(moment.seen.timestamp, moment.foreign.grey, moment.foreign.depth)
+    return replace(moment.foreign, timestamp=moment.seen.timestamp)
 
 
 def without_depth(moment: Moment) -> None:
@@ -196,7 +196,7 @@ def _with_hand(moment: Moment, *, distance_m: float, blur_px: int) -> Frame:
         depth[mask] = (distance_m + 0.02 * (1 - light / 190) + noise)[mask]
     if not depth.any():
         depth[0, 0] = 10.0  # what shines through between the fingers
-    return Frame(seen.timestamp, np.clip(np.rint(grey), 0, 255).astype(np.uint8), depth)
+    return replace(seen, grey=np.clip(np.rint(grey), 0, 255).astype(np.uint8), depth=depth)
 
 
 def _draw_hand(

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edvo.camera import Camera
+from edvo.datasets.association import stamped_delay
 from edvo.datasets.incomplete import being_written
 from edvo.datasets.source import Reading, describe_timing
 from edvo.errors import FrameError, OutputError, SceneError
@@ -341,7 +342,7 @@ class SyntheticSource:
                 depth,
                 depth_scale=recipe.camera.depth_scale,
                 order="rgb",
-                depth_delay=float(recipe.depth_times[partner]) - t,
+                depth_delay=stamped_delay(t, float(recipe.depth_times[partner])),
             )
         except FrameError as error:
             return Reading(index, stamp, t, None, f"{self.name} at {stamp}: {error}")

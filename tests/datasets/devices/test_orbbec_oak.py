@@ -20,6 +20,7 @@ IMAGE = cv2.GaussianBlur(
 )
 DEPTH = np.full((480, 640), 1500, np.uint16)
 NUMBERS = (1, 2, 2, 5)  # one image twice, two never
+LATE_US = {1: 4000, 2: -7000, 5: 900_000}  # depth after colour; the last by another clock
 GREY = cv2.cvtColor(IMAGE, cv2.COLOR_BGR2GRAY)
 
 
@@ -120,6 +121,7 @@ class OrbbecSdk:
             get_width=640,
         )
         depth = given(
+            get_timestamp_us=1_000_000 + 33_333 * number + LATE_US[number],
             get_data=(2 * DEPTH).view(np.uint8).ravel(),
             get_height=480,
             get_width=640,
@@ -202,7 +204,8 @@ class OakSdk:
             return None
         time = timedelta(microseconds=1_000_000 + 33_333 * number)
         colour = given(getSequenceNum=number, getTimestamp=time, getCvFrame=IMAGE)
-        return {"colour": colour, "depth": given(getFrame=DEPTH)}
+        later = time + timedelta(microseconds=LATE_US[number])
+        return {"colour": colour, "depth": given(getFrame=DEPTH, getTimestamp=later)}
 
 
 def check(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -214,8 +217,9 @@ def check(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     assert [reading.index for reading in found] == [0, 1, 2]
     assert [reading.stamp for reading in found] == ["1.033333", "1.066666", "1.166665"]
     assert device.missed == 2
-    for reading in found:
+    for reading, delay in zip(found, (0.004, -0.007, 0.0), strict=True):
         assert reading.frame is not None
+        assert reading.frame.depth_delay == pytest.approx(delay, abs=1e-9)
         assert np.abs(reading.frame.grey.astype(int) - GREY).max() <= 6
         np.testing.assert_allclose(reading.frame.depth, 1.5, rtol=1e-6)
     assert device.sensor == "realsense_d435"

@@ -6,6 +6,8 @@ import time
 from collections.abc import Iterator
 from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -22,6 +24,7 @@ from ..realsense_files import Device, add_streams, load_sdk  # noqa: TID252 - as
 CAMERA = Camera(640, 480, 600.0, 601.0, 320.5, 241.25)
 DEPTH = Camera(640, 480, 590.0, 590.0, 322.0, 238.0)
 INVERSE = (0.09, -0.05, 0.001, 0.002, 0.01)
+LATE_S = 0.003  # depth after colour
 
 
 class Software:
@@ -50,7 +53,8 @@ class Software:
                 return
             if not gaps or number % 7 < 4:
                 for stream, image in zip(self.streams, (depth, colour), strict=True):
-                    stream.send(image, number, start + number / 30)
+                    late = LATE_S if image is depth else 0.0
+                    stream.send(image, number, start + number / 30 + late)
             time.sleep(1 / 30)
 
     def stop(self) -> None:
@@ -87,6 +91,7 @@ def test_gives_aligned_frames_and_the_devices_camera(software: Software) -> None
         assert reading.frame is not None
         assert reading.timestamp == pytest.approx(time.time(), abs=60)
         assert len(reading.stamp.partition(".")[2]) == 6
+        assert reading.frame.depth_delay == pytest.approx(LATE_S, abs=1e-5)
         depth = reading.frame.depth
         assert depth.shape == (480, 640)
         assert np.median(depth[depth > 0]) == pytest.approx(1.5)
@@ -154,3 +159,24 @@ def test_without_the_package(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyrealsense2", None)
     with pytest.raises(MissingExtraError, match=r"edvo\[realsense\]"):
         open_device("realsense")
+
+
+@pytest.mark.parametrize(("late_ms", "delay"), [(11.0, 0.011), (-6.5, -0.0065), (1.7e12, 0.0)])
+def test_the_delay_of_depth_is_that_of_the_stamps(late_ms: float, delay: float) -> None:
+    """On a stand-in for the SDK's frames; the last has stamps of two clocks."""
+
+    def image(values: object, milliseconds: float) -> Any:
+        return SimpleNamespace(
+            get_data=lambda: values,
+            get_timestamp=lambda: milliseconds,
+            get_units=lambda: 0.001,
+        )
+
+    colour = image(np.full((4, 6, 3), 90, np.uint8), 5000.0)
+    depth = image(np.full((4, 6), 1500, np.uint16), 5000.0 + late_ms)
+    images = SimpleNamespace(get_depth_frame=lambda: depth, get_color_frame=lambda: colour)
+    device = cast(RealSense, SimpleNamespace(_is_rgb=True, name="Fake D435"))
+    frame = RealSense._reading(device, 0, images).frame
+    assert frame is not None
+    assert frame.timestamp == 5.0
+    assert frame.depth_delay == pytest.approx(delay, abs=1e-9)

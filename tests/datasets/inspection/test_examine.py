@@ -12,6 +12,7 @@ import pytest
 from edvo.datasets import open_source
 from edvo.datasets.inspection import Finding, inspect
 from edvo.datasets.inspection.blur import check_blur
+from edvo.datasets.inspection.delay import check_delay
 from edvo.datasets.inspection.depth_range import check_depth_range
 from edvo.datasets.inspection.depth_steps import check_depth_steps
 from edvo.datasets.inspection.light import check_darkness, check_exposure
@@ -270,3 +271,13 @@ def test_images_of_several_sizes_are_named(handheld: Remembered) -> None:
     half = Frame(1 / 30, frame.grey[::2, ::2].copy(), frame.depth[::2, ::2].copy())
     warnings = inspect(Given([frame, half], handheld.camera))  # type: ignore[arg-type]
     assert warnings == ["frame 1 is 160 x 120, those before it 320 x 240: give images of one size"]
+
+
+def test_the_delay_of_depth_is_the_median_of_the_stamps(handheld: Remembered) -> None:
+    frame = handheld.read(0).frame
+    assert frame is not None
+    late = [replace(frame, depth_delay=delay) for delay in (0.019, -0.004, 0.011)]
+    finding = check_delay(late)
+    assert finding.measured == {"median_s": 0.011}
+    assert finding.verdict == "sound"
+    assert found(handheld)["depth delay"].measured == {"median_s": 0.0}

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from edvo.camera import Camera
+from edvo.datasets.association import stamped_delay
 from edvo.datasets.devices.driven import Driven
 from edvo.datasets.devices.noise import noise_of
 from edvo.datasets.devices.package import load_package
@@ -104,7 +105,7 @@ class Oak(Driven):
 
     def _reading(self, index: int, colour: Any, depth: Any) -> Reading:
         seconds = colour.getTimestamp().total_seconds()
-        delay = depth.getTimestamp().total_seconds() - seconds
+        delay = stamped_delay(seconds, depth.getTimestamp().total_seconds())
         frame, problem = None, None
         try:
             image = np.asarray(colour.getCvFrame())

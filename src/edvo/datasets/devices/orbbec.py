@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edvo.camera import Camera
+from edvo.datasets.association import stamped_delay
 from edvo.datasets.devices.driven import Driven
 from edvo.datasets.devices.noise import noise_of
 from edvo.datasets.devices.package import load_package
@@ -119,7 +120,7 @@ class Orbbec(Driven):
 
     def _reading(self, index: int, colour: Any, depth: Any) -> Reading:
         seconds = colour.get_timestamp_us() / 1e6
-        delay = depth.get_timestamp_us() / 1e6 - seconds
+        delay = stamped_delay(seconds, depth.get_timestamp_us() / 1e6)
         frame, problem = None, None
         try:
             image, order = self._image(colour)

@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from edvo.camera import Camera
+from edvo.datasets.association import stamped_delay
 from edvo.datasets.devices.driven import Driven
 from edvo.datasets.devices.noise import noise_of
 from edvo.datasets.devices.package import load_package
@@ -157,7 +158,7 @@ class RealSense(Driven):
     def _reading(self, index: int, images: Any) -> Reading:
         depth, colour = images.get_depth_frame(), images.get_color_frame()
         seconds = colour.get_timestamp() / 1000
-        delay = depth.get_timestamp() / 1000 - seconds
+        delay = stamped_delay(seconds, depth.get_timestamp() / 1000)
         metres = np.asarray(depth.get_data()) * np.float32(depth.get_units())
         order: Literal["rgb", "bgr"] = "rgb" if self._is_rgb else "bgr"
         frame, problem = None, None

@@ -6,6 +6,7 @@ Each check is a file of its own, says what looks wrong in a line, and says so wh
 from collections.abc import Iterator
 
 from edvo.datasets.inspection.blur import check_blur
+from edvo.datasets.inspection.delay import check_delay
 from edvo.datasets.inspection.depth_range import check_depth_range
 from edvo.datasets.inspection.depth_steps import check_depth_steps
 from edvo.datasets.inspection.finding import Finding
@@ -63,6 +64,7 @@ def _look(looks: Looks) -> Iterator[Finding]:
     camera, frames = looks.camera, looks.frames
     yield check_depth_range(frames, camera.depth_scale)
     yield check_depth_steps(frames, camera.depth_scale)
+    yield check_delay(frames)
     yield check_registration(frames)
     yield check_order(looks.spans)
     yield check_step(looks.spans, looks.interval)
