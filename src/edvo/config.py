@@ -298,6 +298,11 @@ class MotionConfig(Section):
         "moves by in between to be made up for: as stamps tell it, and what is measured beyond "
         "them while tracking; as stamps tell it; or taken to be none. Not in the paper",
     )
+    readout: Literal["measured", "none"] = Field(
+        default="measured",
+        description="from the first row of an image to the last, for what the camera moves by in "
+        "between to be made up for: measured while tracking, or taken to be none. Not in the paper",
+    )
     search_deg: Annotated[float, Field(ge=0, le=45)] = Field(
         default=24.0,
         description="where a registration is in doubt, or a step is a far one, turns of the camera "
@@ -546,7 +551,7 @@ PRESETS: dict[str, dict[str, Any]] = {
     "paper": {
         "edges": {"strong_share": 0.0, "position": "pixel"},
         "planes": {"weight": 0.0, "alone_share": 0.0, "edge_doubt_rule": "fixed"},
-        "motion": {"search_deg": 0.0, "prior_stride": 4, "depth_delay": "none"},
+        "motion": {"search_deg": 0.0, "prior_stride": 4, "depth_delay": "none", "readout": "none"},
         "keyframes": {"stored": 0},
         "sampling": {"count": 450},
         "registration": {"weight": "t", "first_sigma_px": 0.0, "first_samples": 0},

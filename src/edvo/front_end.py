@@ -8,7 +8,7 @@ from edvo.camera import Camera
 from edvo.chamfer import ChamferMap
 from edvo.clock import Clock
 from edvo.config import Config
-from edvo.edges import EdgeBuffers, extract_edges
+from edvo.edges import EdgeBuffers, EdgePixels, extract_edges
 from edvo.frame import Frame
 from edvo.keyframes import Keyframe
 from edvo.planes import PlaneFitter
@@ -80,7 +80,12 @@ class FrontEnd:
         return Seen(frame, edges, samples, points, T_cam_depth)
 
     def keyframe(
-        self, seen: Seen, index: int, T_world_key: NDArray[np.float64], piece: int
+        self,
+        seen: Seen,
+        index: int,
+        T_world_key: NDArray[np.float64],
+        piece: int,
+        edges: EdgePixels | None = None,
     ) -> Keyframe:
         """Make a keyframe.
 
@@ -93,12 +98,14 @@ class FrontEnd:
         T_world_key : ndarray of float64, shape (4, 4)
         piece : int
             Of the path.
+        edges : EdgePixels, optional
+            Of the frame; described anew where not given.
 
         Returns
         -------
         Keyframe
         """
-        edges = seen.edges.describe(self._camera)
+        edges = edges or seen.edges.describe(self._camera)
         return Keyframe(
             index=index,
             T_world_key=rigid(T_world_key),

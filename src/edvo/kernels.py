@@ -158,11 +158,12 @@ class DepthTerm(NamedTuple):
 
 
 class Lag(NamedTuple):
-    """When depth was taken, as against the image that it belongs to."""
+    """When the parts of a frame were taken, over the time since the last frame."""
 
-    share: float  # from the instant of the image, over the time since the last one; 0 at once
+    share: float  # of depth, as against the image; 0 at once
     T_ref_last: F64  # (4, 4) pose of the last image
     T_depth_cam: F64  # (4, 4) takes back what the points were moved by already
+    rows: F64  # (N,) of each sample, as against the middle of the image; empty: all at once
 
 
 class PlaneMatches(NamedTuple):
@@ -1207,6 +1208,45 @@ def lagged(T: F64, lag: Lag) -> F64:
 
 
 @compiled
+def unroll_points(points: F64, T: F64, lag: Lag, moved: F64) -> None:
+    """Move samples to the instant of the image, taken at T, each by the lag of its row."""
+    back = np.empty((4, 4))
+    invert(lag.T_ref_last, back)
+    a, b, c, p, q, r = log_se3(product(back, T))
+    for i in range(points.shape[0]):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        s = lag.rows[i]
+        moved[i, 0] = x + s * (a + q * z - r * y)
+        moved[i, 1] = y + s * (b + r * x - p * z)
+        moved[i, 2] = z + s * (c + p * y - q * x)
+
+
+@compiled
+def unroll_pixels(
+    pixels: F32,
+    depths: F32,
+    typical: np.float32,
+    rows: F64,
+    velocity: F64,
+    camera: Pinhole,
+    moved: F32,
+) -> None:
+    """Write where edges would be at the instant of the image, each seen ``rows`` seconds after it.
+
+    Where an edge has no depth (0) it is taken to be at the ``typical`` one.
+    """
+    a, b, c, p, q, r = velocity
+    for i in range(rows.size):
+        z = np.float64(depths[i] if depths[i] > 0 else typical)
+        x, y = (pixels[i, 0] - camera.cx) / camera.fx, (pixels[i, 1] - camera.cy) / camera.fy
+        s = rows[i]
+        # over the depth, so that it may be infinite
+        w = 1 + s * (c / z + p * y - q * x)
+        moved[i, 0] = (x + s * (a / z + q - r * y)) / w * camera.fx + camera.cx
+        moved[i, 1] = (y + s * (b / z + r * x - p)) / w * camera.fy + camera.cy
+
+
+@compiled
 def invert(T: F64, inverse: F64) -> None:
     """Write the inverse of a rigid motion."""
     for i in range(3):
@@ -1405,6 +1445,58 @@ def normal_equations(
 
 
 @compiled
+def row_equations(
+    pixels: F32,
+    depths: F32,
+    gradients: F32,
+    matches: I32,
+    residuals: F64,
+    camera: Pinhole,
+    T: F64,
+    weight: int,
+    tuning: float,
+    sigma: float,
+    H_row: F64,
+    H_rows: F64,
+    b_row: F64,
+) -> None:
+    """Accumulate J^T W J times the row and its square, and J^T W r times the row.
+
+    Rows go from -1/2 to 1/2. ``gradients`` are those of the reference, ``residuals`` one for each
+    sample, ``matches`` as `align` gives them.
+    """
+    J = np.empty(6)
+    inverse = 1 / (sigma * sigma)
+    for i in range(matches.size):
+        k = matches[i]
+        if k < 0:
+            continue
+        z = np.float64(depths[i])
+        x, y = (
+            (pixels[i, 0] - camera.cx) / camera.fx * z,
+            (pixels[i, 1] - camera.cy) / camera.fy * z,
+        )
+        px = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
+        py = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
+        pz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+        if pz < MIN_DEPTH:
+            continue
+        au, av = gradients[k, 0] * camera.fx / pz, gradients[k, 1] * camera.fy / pz
+        write_row(au, av, -(au * px + av * py) / pz, px, py, pz, J)
+        r = residuals[i]
+        row = pixels[i, 1] / camera.height - 0.5
+        w = robust_weight(r * r * inverse, weight, tuning) * row
+        for m in range(6):
+            wj = w * J[m]
+            b_row[m] += wj * r
+            for n in range(m + 1):
+                H_row[m, n] += wj * J[n]
+                H_rows[m, n] += row * wj * J[n]
+    mirror_lower(H_row)
+    mirror_lower(H_rows)
+
+
+@compiled
 def plane_equations(matches: PlaneMatches, count: int, sigma: float, H: F64, b: F64) -> None:
     """Accumulate H = J^T W J and b = J^T W r of the distances to planes, by Tukey's weights.
 
@@ -1528,7 +1620,8 @@ def align(
     Points of the current depth image pull towards planes of the reference, where there are any:
     their term has a scale of its own, sigma_d, and counts less the more that exceeds the sensor's
     noise, since such errors are not independent of one another. H and b stay in px^2. Where depth
-    was not taken at the instant of the image it moves with the pose by less, or by more (``lag``).
+    was not taken at the instant of the image it moves with the pose by less, or by more, and so
+    does the row of a sample (``lag``).
     Returns why it stopped, iterations, number of matches, sigma and cost; then the number of
     points with a plane, their sigma_d, and what their term counted.
     """
@@ -1553,6 +1646,8 @@ def align(
         )
     ]
     reason, iterations, count = EXHAUSTED, 0, 0
+    rolls = lag.rows.size > 0
+    moved = np.empty_like(points) if rolls else points
     sigma, cost, total = 1.0, 0.0, 0.0
     moves = 1 + lag.share  # by how much points move with the pose, near the last one
     for stage in range(first_stage, last_stage + 1):
@@ -1563,9 +1658,11 @@ def align(
             every = max(np.int64(n // solver.first_samples), ALL)
         taken = (n + every - 1) // every
         matches.bound[:] = 0  # what held under one criterion need not under another
+        if rolls:
+            unroll_points(points, T, lag, moved)
         count = warp_and_match(
             grid,
-            points,
+            moved,
             gradients,
             every,
             camera,
@@ -1623,9 +1720,11 @@ def align(
                 reason = CONVERGED
                 break
             copy_matches(matches, trial)
+            if rolls:
+                unroll_points(points, trial_T, lag, moved)
             trial_count = warp_and_match(
                 grid,
-                points,
+                moved,
                 gradients,
                 every,
                 camera,
@@ -1668,9 +1767,11 @@ def align(
             reason = EXHAUSTED  # the stage that finishes has had no turn
             if every > ALL:
                 matches.bound[:] = 0
+                if rolls:
+                    unroll_points(points, T, lag, moved)
                 count = warp_and_match(
                     grid,
-                    points,
+                    moved,
                     gradients,
                     ALL,
                     camera,

@@ -13,13 +13,13 @@ from edvo.background import YOUNG_S, Background, Still
 from edvo.camera import Camera
 from edvo.clock import Clock, StageClock, no_clock
 from edvo.config import Config
-from edvo.delay import DepthDelay
 from edvo.depth_alone import DepthAlone
 from edvo.errors import FrameError, TrajectoryError
 from edvo.frame import Frame
 from edvo.freeze import FREEZE_S, Freeze, glimpse
 from edvo.front_end import FrontEnd, rigid
 from edvo.information import Information
+from edvo.instants import Instants
 from edvo.keyframes import Keyframe, KeyframeStore, is_due
 from edvo.last_good import LastGood
 from edvo.pieces import Pieces
@@ -104,7 +104,7 @@ class Odometry:
         )
         self._uncertainty = Uncertainty(camera, self.config, self._registration.solver)
         self._shared = SharedErrors(camera, self.config.planes, self._registration.solver)
-        self._delay = DepthDelay(camera, self._fitter, self.config.motion.depth_delay)
+        self._instants = Instants(camera, self.config, self._registration, self._fitter)
         self._depth_alone = DepthAlone(camera, self.config, self._fitter.term, self._uncertainty)
         self._witness = Witness(camera, self.config.planes.sensor)
         self._background = Background(camera, self._registration, self._fitter)
@@ -146,7 +146,7 @@ class Odometry:
             self.camera, self.config, self._registration, self._fitter, self._judge
         )
         self._shared.forget()
-        self._delay.forget()
+        self._instants.forget()
         self._chain = Chain(
             self._registration,
             self._fitter,
@@ -625,8 +625,10 @@ class Odometry:
         if self._sure:
             self._judge.note(alignment)
             self._shared.note(keyframe.edges.edges, alignment, period)
-            self._delay.note(keyframe, registered, alignment, period)
+            self._instants.note(keyframe, registered, alignment, period)
             self._cruise += (self._velocity - self._cruise) * min(period / CRUISE_S, 1.0)
+        else:
+            self._instants.interrupt()
         self._T_world_last = keyframe.T_world_key @ T_key_cur
         covariance: NDArray[np.float64] | None = None
         degenerate: tuple[str, ...] = ()
@@ -771,18 +773,24 @@ class Odometry:
         """Make a frame the keyframe, its depth moved by the velocity where that is known."""
         with self._clock("keyframe"):
             if velocity is not None:  # measured by now, no longer expected
-                seen = replace(seen, T_cam_depth=self._delay.motion(velocity, seen.frame))
+                T_cam_depth = self._instants.depth.motion(velocity, seen.frame)
+                seen = replace(seen, T_cam_depth=T_cam_depth)
+            edges = seen.edges.describe(self.camera)
             keyframe = self._front_end.keyframe(
-                seen, self._count, self._T_world_last, self._pieces.here
+                seen,
+                self._count,
+                self._T_world_last,
+                self._pieces.here,
+                self._instants.unrolled(edges, seen, velocity),
             )
             self._take_keyframe(keyframe)
-            self._delay.hold(keyframe, seen, velocity)
+            self._instants.hold(keyframe, seen, edges, velocity)
 
     def _renew_keyframe(self) -> None:
         """Move the depth of the keyframe, where more is known by now of when it was taken."""
         assert self._keyframe is not None
         with self._clock("keyframe"):
-            keyframe = self._delay.renewed(self._keyframe, self._velocity)
+            keyframe = self._instants.renewed(self._keyframe, self._velocity)
             if keyframe is not None:
                 self._store.replace(self._keyframe, keyframe)
                 self._keyframe = keyframe
@@ -803,7 +811,7 @@ class Odometry:
         """Where the camera was when the depth of the next frame was taken, as against its image."""
         if not self._follows(frame.timestamp):
             return None
-        return self._delay.motion(self._velocity, frame)
+        return self._instants.depth.motion(self._velocity, frame)
 
     def _follows(self, timestamp: float) -> bool:
         """Whether the last pose is that of a moment ago."""
@@ -814,7 +822,7 @@ class Odometry:
         timestamp = seen.frame.timestamp
         if not self._follows(timestamp):
             return AT_ONCE
-        return self._delay.lag(seen, self._T_key_last, self._period(timestamp))
+        return self._instants.lag(seen, self._T_key_last, self._period(timestamp))
 
     def _settled(self, seen: Seen, alignment: Alignment) -> Seen:
         """Move depth by what the camera has moved by, no longer by what was expected."""
@@ -822,7 +830,7 @@ class Odometry:
         if not self._follows(timestamp):
             return seen
         T_last_cur = se3.inverse(self._T_key_last) @ alignment.T_ref_cur
-        return self._delay.settled(seen, T_last_cur, self._period(timestamp))
+        return self._instants.depth.settled(seen, T_last_cur, self._period(timestamp))
 
     def _ahead(self, timestamp: float) -> NDArray[np.float64]:
         """Motion since the last pose, at constant velocity."""

@@ -21,7 +21,7 @@ from edvo.robust import TUNING, WEIGHTS
 
 RESIDUALS = {"divergence": kernels.SIGNED, "distance": kernels.DISTANCE}
 AGREEING = math.cos(math.radians(45))  # of gradients, even if the camera has rolled a little
-AT_ONCE = kernels.Lag(share=0.0, T_ref_last=np.eye(4), T_depth_cam=np.eye(4))
+AT_ONCE = kernels.Lag(0.0, np.eye(4), np.eye(4), np.empty(0))
 EDGES_ALONE = DepthTerm(weight=0.0, doubt=1.0, edge_doubt=0.0, min_dot=1.0, limit=0.0, min_points=1)
 STAGES = {"robust-then-normal": (0, 1), "robust": (0, 0), "normal": (1, 1)}
 REASONS = {
@@ -233,7 +233,7 @@ class Registration:
         term : DepthTerm, optional
             What points and planes count.
         lag : kernels.Lag, optional
-            When the depth of the points was taken, if not at the instant of the image.
+            When depth and the rows of the image were taken, if not at once.
 
         Returns
         -------

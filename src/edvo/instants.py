@@ -1,0 +1,191 @@
+"""When the parts of a frame were taken: its rows one after the other, and its depth apart."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edvo import se3
+from edvo.camera import Camera
+from edvo.chamfer import ChamferMap
+from edvo.config import Config
+from edvo.delay import DepthDelay
+from edvo.edges import EdgePixels, depth_at_edges
+from edvo.frame import Frame
+from edvo.kernels import Lag
+from edvo.keyframes import Keyframe
+from edvo.measuring import Moments
+from edvo.planes import PlaneFitter
+from edvo.registration import Alignment, Registration
+from edvo.rolling import RollingShutter
+from edvo.search import Seen
+
+NEWS = 1e-3  # m and rad, by which a part of a keyframe must be off to be moved anew
+
+
+@dataclass(slots=True)
+class _Held:
+    """A keyframe, what it was made of, and for what its parts were moved."""
+
+    keyframe: Keyframe
+    frame: Frame
+    index: NDArray[np.int32]
+    edges: EdgePixels
+    T_cam_depth: NDArray[np.float64] | None
+    rolled: NDArray[np.float64]  # by that from the middle row to the last
+    velocity: NDArray[np.float64] | None
+
+
+class Instants:
+    """Measures when the parts of frames are taken, and moves them to one instant.
+
+    Parameters
+    ----------
+    camera : Camera
+    config : Config
+    registration : Registration
+    fitter : PlaneFitter
+
+    Attributes
+    ----------
+    depth : DepthDelay
+    rolling : RollingShutter
+    """
+
+    def __init__(
+        self, camera: Camera, config: Config, registration: Registration, fitter: PlaneFitter
+    ) -> None:
+        self._camera, self._config = camera, config
+        self._registration, self._fitter = registration, fitter
+        self.depth = DepthDelay(camera, fitter, config.motion.depth_delay)
+        self.rolling = RollingShutter(camera, registration.solver, config.motion.readout)
+        self.forget()
+
+    def forget(self) -> None:
+        """Know nothing."""
+        self.depth.forget()
+        self.rolling.forget()
+        self._moments = Moments()
+        self._held: _Held | None = None
+
+    def lag(self, seen: Seen, T_key_last: NDArray[np.float64], period: float) -> Lag:
+        """Say when the parts of a frame were taken, for a registration to move them.
+
+        Parameters
+        ----------
+        seen : Seen
+        T_key_last : ndarray of float64, shape (4, 4)
+            Where the camera was at the last frame.
+        period : float
+            Seconds since then.
+
+        Returns
+        -------
+        Lag
+        """
+        lag = self.depth.lag(seen, T_key_last, period)
+        rows = self.rolling.rows(seen.samples.pixels)
+        return lag._replace(T_ref_last=T_key_last, rows=rows / period) if len(rows) else lag
+
+    def note(self, keyframe: Keyframe, seen: Seen, alignment: Alignment, period: float) -> None:
+        """Take a frame that is to be trusted into account, once the next one is there.
+
+        Parameters
+        ----------
+        keyframe : Keyframe
+            That it was registered with.
+        seen : Seen
+        alignment : Alignment
+        period : float
+            Seconds since the frame before it.
+        """
+        moment = self._moments.note(keyframe, seen, alignment, period)
+        if moment is not None:
+            self.depth.learn(moment)
+            self.rolling.learn(moment)
+
+    def interrupt(self) -> None:
+        """Take note that a frame is not to be trusted."""
+        self._moments.interrupt()
+
+    def unrolled(
+        self, edges: EdgePixels, seen: Seen, velocity: NDArray[np.float64] | None
+    ) -> EdgePixels:
+        """Put the edges of a frame where they would be, had all rows been taken at once.
+
+        Parameters
+        ----------
+        edges : EdgePixels
+            All of the frame.
+        seen : Seen
+        velocity : ndarray of float64, shape (6,), or None
+            Of the camera; None where it is not known.
+
+        Returns
+        -------
+        EdgePixels
+        """
+        if velocity is None or not self.rolling.seconds:
+            return edges
+        depths = depth_at_edges(seen.frame.depth, seen.edges.index, self._config.edges)
+        return self.rolling.unrolled(edges, depths, velocity)
+
+    def hold(
+        self,
+        keyframe: Keyframe,
+        seen: Seen,
+        edges: EdgePixels,
+        velocity: NDArray[np.float64] | None,
+    ) -> None:
+        """Remember what a keyframe was made of, to move its parts once more is known.
+
+        Parameters
+        ----------
+        keyframe : Keyframe
+        seen : Seen
+            What it was made of, and
+        edges : EdgePixels
+            where its edges were seen.
+        velocity : ndarray of float64, shape (6,), or None
+            Of the camera then; None where that of the next frame has to do.
+        """
+        rolled = np.zeros(6) if velocity is None else velocity * self.rolling.seconds / 2
+        T = seen.T_cam_depth
+        self._held = _Held(keyframe, seen.frame, seen.edges.index, edges, T, rolled, velocity)
+
+    def renewed(self, keyframe: Keyframe, velocity: NDArray[np.float64]) -> Keyframe | None:
+        """Move the parts of a keyframe anew, if they were taken at other instants than thought.
+
+        Parameters
+        ----------
+        keyframe : Keyframe
+            That a frame was registered with.
+        velocity : ndarray of float64, shape (6,)
+            Of the camera at the frame.
+
+        Returns
+        -------
+        Keyframe or None
+            None if it is as good as before.
+        """
+        held = self._held
+        if held is None or held.keyframe is not keyframe:
+            return None
+        if held.velocity is None:
+            held.velocity = velocity
+        changed = keyframe
+        T_cam_depth = self.depth.motion(held.velocity, held.frame)
+        now, then = (np.eye(4) if T is None else T for T in (T_cam_depth, held.T_cam_depth))
+        if np.abs(se3.log(se3.inverse(then) @ now)).max() > NEWS:
+            planes = self._fitter.planes(held.frame.depth, T_cam_depth)
+            changed, held.T_cam_depth = replace(changed, planes=planes), T_cam_depth
+        rolled = held.velocity * self.rolling.seconds / 2
+        if np.abs(rolled - held.rolled).max() > NEWS:
+            depths = depth_at_edges(held.frame.depth, held.index, self._config.edges)
+            edges = self.rolling.unrolled(held.edges, depths, held.velocity)
+            index, chamfer = self._registration.index(edges), ChamferMap(edges, self._camera)
+            changed, held.rolled = replace(changed, edges=index, chamfer=chamfer), rolled
+        if changed is keyframe:
+            return None
+        held.keyframe = changed
+        return changed

@@ -1,0 +1,174 @@
+"""Numbers of a camera that are measured while it is tracked, by how misfits change with velocity.
+
+Not in the paper. Whatever the scene and the depth image err by hardly changes from one frame to the
+next; the velocity of a hand does.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edvo import se3
+from edvo.keyframes import Keyframe
+from edvo.registration import Alignment
+from edvo.search import Seen
+
+LONGEST_S = 0.2  # between frames, for the velocity to be known
+MEMORY_S = 5.0  # that a number is taken from: clocks wander
+SETTLING_S = 1.0  # that a misfit is averaged over, which its changes are taken from
+SHARED = 100.0  # points and edges that err together, from frame to frame too: so many count as one
+GATE = 3.0  # sigmas, that a frame may be off by
+
+
+class Estimate:
+    """A number, its prior being that it is not far from 0.
+
+    Parameters
+    ----------
+    expected : float
+        How far (one sigma).
+    """
+
+    def __init__(self, expected: float) -> None:
+        self._variance = expected * expected
+        self.forget()
+
+    def forget(self) -> None:
+        """Know nothing but the prior."""
+        self._information, self._sum = 0.0, 0.0
+
+    @property
+    def value(self) -> float:
+        """The most likely one."""
+        return self._sum / (self._information + 1 / self._variance)
+
+    def note(self, information: float, weighted: float, seconds: float) -> None:
+        """Take a measurement into account, unless it contradicts what is known.
+
+        Parameters
+        ----------
+        information : float
+            One over its variance, were all residuals independent.
+        weighted : float
+            The number measured, times that.
+        seconds : float
+            Since the one before it.
+        """
+        information, weighted = information / SHARED, weighted / SHARED
+        off = weighted - information * self.value
+        if off * off > GATE * GATE * information * (1 + information * self._variance):
+            return
+        fade = math.exp(-seconds / MEMORY_S)
+        self._information = fade * self._information + information
+        self._sum = fade * self._sum + weighted
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """A frame between two others, all registered with one keyframe.
+
+    Attributes
+    ----------
+    keyframe : Keyframe
+    seen : Seen
+    alignment : Alignment
+    period : float
+        Seconds since the frame before it.
+    expected : ndarray of float64, shape (6,)
+        Velocity since the frame before it, of the camera in its own frame, 1/s.
+    velocity : ndarray of float64, shape (6,)
+        That of both steps, which an error of the pose between them does not change.
+    """
+
+    keyframe: Keyframe
+    seen: Seen
+    alignment: Alignment
+    period: float
+    expected: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+
+
+class Moments:
+    """Gives each frame a velocity, once the next one is there."""
+
+    def __init__(self) -> None:
+        self.interrupt()
+
+    def interrupt(self) -> None:
+        """Begin anew: the next frame does not follow on the last one."""
+        self._last: tuple[Keyframe, Seen, Alignment, float] | None = None
+        self._T_before: NDArray[np.float64] | None = None  # of the frame before that
+
+    def note(
+        self, keyframe: Keyframe, seen: Seen, alignment: Alignment, period: float
+    ) -> Moment | None:
+        """Take the next frame.
+
+        Parameters
+        ----------
+        keyframe : Keyframe
+            That it was registered with.
+        seen : Seen
+        alignment : Alignment
+        period : float
+            Seconds since the frame before it.
+
+        Returns
+        -------
+        Moment or None
+            The frame before it.
+        """
+        last, before = self._last, self._T_before
+        if period > LONGEST_S or (last is not None and last[0] is not keyframe):
+            self.interrupt()
+            last = None
+        self._last = keyframe, seen, alignment, period
+        if last is None:
+            return None
+        T = last[2].T_ref_cur
+        self._T_before = T
+        if before is None:
+            return None
+        T_cur_before = se3.inverse(T) @ before
+        both = (
+            T_cur_before @ (se3.inverse(before) @ alignment.T_ref_cur) @ se3.inverse(T_cur_before)
+        )
+        return Moment(
+            *last,
+            expected=-se3.log(T_cur_before) / last[3],
+            velocity=se3.log(both) / (last[3] + period),
+        )
+
+
+class Changes:
+    """Takes from vectors what they have been of late, as long as the keyframe stays."""
+
+    def __init__(self) -> None:
+        self._keyframe: Keyframe | None = None
+
+    def of(
+        self, now: NDArray[np.float64], keyframe: Keyframe, period: float
+    ) -> NDArray[np.float64] | None:
+        """Say by how much vectors differ from their mean of late.
+
+        Parameters
+        ----------
+        now : ndarray of float64, shape (N, 6)
+        keyframe : Keyframe
+        period : float
+            Seconds since the vectors before them.
+
+        Returns
+        -------
+        ndarray of float64, shape (N, 6), or None
+            None for the first ones of a keyframe.
+        """
+        if keyframe is not self._keyframe:
+            self._keyframe, self._mean, self._age = keyframe, now, 0.0
+            return None
+        change = now - self._mean
+        self._age += period
+        self._mean = self._mean + change * max(period / SETTLING_S, period / (period + self._age))
+        return change

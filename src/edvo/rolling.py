@@ -1,0 +1,151 @@
+"""Rolling shutters: the rows of an image are not taken at once, and how to make up for it.
+
+Not in the paper. While the camera moves, an image is sheared and stretched, by some pixels from its
+first row to its last: edges then say that the camera has turned, or come nearer. How long the
+readout takes shows in how the misfit of edges, times their row, changes with the camera's velocity.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edvo import kernels, se3
+from edvo.camera import Camera
+from edvo.edges import EdgePixels
+from edvo.measuring import Changes, Estimate, Moment
+from edvo.planes import camera_of
+
+EXPECTED_S = 0.01  # how long a readout takes, before anything is known (one sigma)
+LARGEST_S = 0.033  # that is believed: a frame of 30 a second
+LEAST_S = 1e-3  # that matters
+
+
+class RollingShutter:
+    """Measures how long the readout of an image takes, frame after frame.
+
+    Parameters
+    ----------
+    camera : Camera
+        Of the images.
+    solver : kernels.Solver
+        Of the registration that the alignments come from.
+    rule : str
+        See ``MotionConfig.readout``.
+    """
+
+    def __init__(self, camera: Camera, solver: kernels.Solver, rule: str) -> None:
+        self._pinhole, self._solver = camera_of(camera), solver
+        self._is_measured = rule == "measured"
+        self._readout = Estimate(EXPECTED_S)
+        self.forget()
+
+    def forget(self) -> None:
+        """Take all rows as simultaneous, until there is evidence to the contrary."""
+        self._readout.forget()
+        self._changes = Changes()
+
+    @property
+    def seconds(self) -> float:
+        """From the first row to the last; negative where they are read from below."""
+        seconds = min(max(self._readout.value, -LARGEST_S), LARGEST_S)
+        return seconds if abs(seconds) > LEAST_S else 0.0
+
+    def rows(self, pixels: NDArray[np.float32]) -> NDArray[np.float64]:
+        """Say when edges were seen, as against the middle of the image.
+
+        Parameters
+        ----------
+        pixels : ndarray of float32, shape (N, 2)
+
+        Returns
+        -------
+        ndarray of float64, shape (N,)
+            Seconds; empty where all are simultaneous.
+        """
+        seconds = self.seconds
+        if not seconds:
+            return NO_ROWS
+        return (pixels[:, 1].astype(np.float64) / self._pinhole.height - 0.5) * seconds
+
+    def unrolled(
+        self, edges: EdgePixels, depths: NDArray[np.float32], velocity: NDArray[np.float64]
+    ) -> EdgePixels:
+        """Put edges where they would be, had the whole image been taken at once.
+
+        Parameters
+        ----------
+        edges : EdgePixels
+        depths : ndarray of float32, shape (N,)
+            Of theirs, metres; where there is none (0), the middle one of all has to do.
+        velocity : ndarray of float64, shape (6,)
+            Of the camera, [v, w] in its own frame, 1/s.
+
+        Returns
+        -------
+        EdgePixels
+            With the gradients and depths that they had.
+        """
+        rows = self.rows(edges.pixels)
+        if not len(rows):
+            return edges
+        known = depths[depths > 0]
+        typical = np.float32(np.median(known)) if len(known) else np.float32(np.inf)
+        pixels = np.empty_like(edges.pixels)
+        kernels.unroll_pixels(
+            edges.pixels,
+            depths,
+            typical,
+            rows,
+            np.ascontiguousarray(velocity),
+            self._pinhole,
+            pixels,
+        )
+        return EdgePixels(pixels, edges.gradients, edges.depths)
+
+    def learn(self, moment: Moment) -> None:
+        """Compare how the misfit of edges by rows changes with how the velocity does.
+
+        Parameters
+        ----------
+        moment : Moment
+            A frame that is to be trusted.
+        """
+        if not self._is_measured:
+            return
+        alignment, samples = moment.alignment, moment.seen.samples
+        T, sigma = alignment.T_ref_cur, alignment.sigma_px
+        H_row, H_rows, b_row = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros(6)
+        kernels.row_equations(
+            samples.pixels,
+            samples.depths,
+            moment.keyframe.edges.edges.gradients,
+            alignment.matches,
+            alignment.residuals,
+            self._pinhole,
+            T,
+            self._solver.weight,
+            self._solver.tuning,
+            sigma,
+            H_row,
+            H_rows,
+            b_row,
+        )
+        to_reference = se3.adjoint(T)
+        velocity = to_reference @ moment.velocity
+        # at the velocity of both steps, and as if nothing had been made up for
+        as_it_was = b_row - self.seconds * (H_rows @ (to_reference @ moment.expected))
+        none = -self.seconds * (H_row @ (to_reference @ moment.expected))
+        changes = self._changes.of(
+            np.array([velocity, as_it_was, none]), moment.keyframe, moment.period
+        )
+        if changes is None:
+            return
+        change, misfit, pushed = changes
+        h = H_row @ change
+        taken = np.linalg.solve(alignment.H, h)  # by the pose
+        scale = 1 / sigma**2
+        information = max(float(change @ H_rows @ change - h @ taken), 0.0) * scale
+        gradient = float(change @ misfit - taken @ pushed) * scale
+        self._readout.note(information, -gradient, moment.period)
+
+
+NO_ROWS = np.empty(0)
