@@ -104,23 +104,21 @@ class DepthDelay:
         T = np.eye(4) if seen.T_cam_depth is None else se3.inverse(seen.T_cam_depth)
         return Lag(max(delay / period, -1.0), T_key_last, T, AT_ONCE.rows)
 
-    def settled(self, seen: Seen, T_last_cur: NDArray[np.float64], period: float) -> Seen:
+    def settled(self, seen: Seen, velocity: NDArray[np.float64]) -> Seen:
         """Move depth by what the camera has moved by, no longer by what was expected.
 
         Parameters
         ----------
         seen : Seen
-        T_last_cur : ndarray of float64, shape (4, 4)
-            What it has moved by since the last frame.
-        period : float
-            Seconds that this took.
+        velocity : ndarray of float64, shape (6,)
+            Of the camera since the last frame, 1/s.
 
         Returns
         -------
         Seen
             Its samples have the depth they had.
         """
-        T_cam_depth = self.motion(se3.log(T_last_cur) / period, seen.frame)
+        T_cam_depth = self.motion(velocity, seen.frame)
         if T_cam_depth is None and seen.T_cam_depth is None:
             return seen
         now, then = (np.eye(4) if T is None else T for T in (T_cam_depth, seen.T_cam_depth))

@@ -87,6 +87,26 @@ class Instants:
         rows = self.rolling.rows(seen.samples.pixels)
         return lag._replace(T_ref_last=T_key_last, rows=rows / period) if len(rows) else lag
 
+    def settled(self, seen: Seen, T_last_cur: NDArray[np.float64], period: float) -> Seen:
+        """Move the parts of a frame to its instant, by what the camera has moved by.
+
+        Parameters
+        ----------
+        seen : Seen
+            Its depth was moved by what was expected.
+        T_last_cur : ndarray of float64, shape (4, 4)
+            What the camera has moved by since the last frame.
+        period : float
+            Seconds that this took.
+
+        Returns
+        -------
+        Seen
+        """
+        velocity = se3.log(T_last_cur) / period
+        seen = self.depth.settled(seen, velocity)
+        return replace(seen, samples=self.rolling.unrolled(seen.samples, velocity))
+
     def note(self, keyframe: Keyframe, seen: Seen, alignment: Alignment, period: float) -> None:
         """Take a frame that is to be trusted into account, once the next one is there.
 
@@ -128,7 +148,7 @@ class Instants:
         if velocity is None or not self.rolling.seconds:
             return edges
         depths = depth_at_edges(seen.frame.depth, seen.edges.index, self._config.edges)
-        return self.rolling.unrolled(edges, depths, velocity)
+        return self.rolling.unrolled(edges, velocity, depths)
 
     def hold(
         self,
@@ -182,7 +202,7 @@ class Instants:
         rolled = held.velocity * self.rolling.seconds / 2
         if np.abs(rolled - held.rolled).max() > NEWS:
             depths = depth_at_edges(held.frame.depth, held.index, self._config.edges)
-            edges = self.rolling.unrolled(held.edges, depths, held.velocity)
+            edges = self.rolling.unrolled(held.edges, held.velocity, depths)
             index, chamfer = self._registration.index(edges), ChamferMap(edges, self._camera)
             changed, held.rolled = replace(changed, edges=index, chamfer=chamfer), rolled
         if changed is keyframe:

@@ -1230,6 +1230,7 @@ def unroll_pixels(
     velocity: F64,
     camera: Pinhole,
     moved: F32,
+    moved_depths: F32,
 ) -> None:
     """Write where edges would be at the instant of the image, each seen ``rows`` seconds after it.
 
@@ -1244,6 +1245,7 @@ def unroll_pixels(
         w = 1 + s * (c / z + p * y - q * x)
         moved[i, 0] = (x + s * (a / z + q - r * y)) / w * camera.fx + camera.cx
         moved[i, 1] = (y + s * (b / z + r * x - p)) / w * camera.fy + camera.cy
+        moved_depths[i] = depths[i] * w
 
 
 @compiled

@@ -830,7 +830,7 @@ class Odometry:
         if not self._follows(timestamp):
             return seen
         T_last_cur = se3.inverse(self._T_key_last) @ alignment.T_ref_cur
-        return self._instants.depth.settled(seen, T_last_cur, self._period(timestamp))
+        return self._instants.settled(seen, T_last_cur, self._period(timestamp))
 
     def _ahead(self, timestamp: float) -> NDArray[np.float64]:
         """Motion since the last pose, at constant velocity."""

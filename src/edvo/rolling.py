@@ -67,39 +67,38 @@ class RollingShutter:
         return (pixels[:, 1].astype(np.float64) / self._pinhole.height - 0.5) * seconds
 
     def unrolled(
-        self, edges: EdgePixels, depths: NDArray[np.float32], velocity: NDArray[np.float64]
+        self,
+        edges: EdgePixels,
+        velocity: NDArray[np.float64],
+        depths: NDArray[np.float32] | None = None,
     ) -> EdgePixels:
         """Put edges where they would be, had the whole image been taken at once.
 
         Parameters
         ----------
         edges : EdgePixels
-        depths : ndarray of float32, shape (N,)
-            Of theirs, metres; where there is none (0), the middle one of all has to do.
         velocity : ndarray of float64, shape (6,)
             Of the camera, [v, w] in its own frame, 1/s.
+        depths : ndarray of float32, shape (N,), optional
+            Of the edges, metres, where they do not have their own; where there is none (0), the
+            middle one of all has to do.
 
         Returns
         -------
         EdgePixels
-            With the gradients and depths that they had.
+            With the gradients that they had.
         """
         rows = self.rows(edges.pixels)
         if not len(rows):
             return edges
+        depths = edges.depths if depths is None else depths
         known = depths[depths > 0]
         typical = np.float32(np.median(known)) if len(known) else np.float32(np.inf)
-        pixels = np.empty_like(edges.pixels)
+        pixels, moved = np.empty_like(edges.pixels), np.empty_like(depths)
         kernels.unroll_pixels(
-            edges.pixels,
-            depths,
-            typical,
-            rows,
-            np.ascontiguousarray(velocity),
-            self._pinhole,
-            pixels,
+            edges.pixels, depths, typical, rows, velocity, self._pinhole, pixels, moved
         )
-        return EdgePixels(pixels, edges.gradients, edges.depths)
+        return EdgePixels(pixels, edges.gradients, moved)
 
     def learn(self, moment: Moment) -> None:
         """Compare how the misfit of edges by rows changes with how the velocity does.
