@@ -20,6 +20,7 @@ MEMORY_S = 5.0  # that a number is taken from: clocks wander
 SETTLING_S = 1.0  # that a misfit is averaged over, which its changes are taken from
 SHARED = 100.0  # points and edges that err together, from frame to frame too: so many count as one
 GATE = 3.0  # sigmas, that a frame may be off by
+SURE = 2.0  # sigmas from 0, for a number to be one
 
 
 class Estimate:
@@ -40,9 +41,19 @@ class Estimate:
         self._information, self._sum = 0.0, 0.0
 
     @property
-    def value(self) -> float:
+    def likely(self) -> float:
         """The most likely one."""
-        return self._sum / (self._information + 1 / self._variance)
+        return self._sum * self.variance
+
+    @property
+    def variance(self) -> float:
+        """Of the most likely one."""
+        return 1 / (self._information + 1 / self._variance)
+
+    @property
+    def value(self) -> float:
+        """The most likely one, or 0 as long as that is not to be told from it."""
+        return self.likely if self.likely**2 > SURE * SURE * self.variance else 0.0
 
     def note(self, information: float, weighted: float, seconds: float) -> None:
         """Take a measurement into account, unless it contradicts what is known.
@@ -57,7 +68,7 @@ class Estimate:
             Since the one before it.
         """
         information, weighted = information / SHARED, weighted / SHARED
-        off = weighted - information * self.value
+        off = weighted - information * self.likely
         if off * off > GATE * GATE * information * (1 + information * self._variance):
             return
         fade = math.exp(-seconds / MEMORY_S)

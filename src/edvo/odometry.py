@@ -174,6 +174,16 @@ class Odometry:
         """
         return Trajectory.from_frames(self._timestamps, self._poses)
 
+    @property
+    def depth_delay(self) -> float:
+        """Delay of depth beyond what stamps tell, as measured so far, seconds."""
+        return self._instants.depth.seconds
+
+    @property
+    def readout(self) -> float:
+        """From the first row of an image to the last, as measured so far, seconds."""
+        return self._instants.rolling.seconds
+
     def track(self, frame: Frame) -> TrackedFrame:
         """Give the pose of the next frame.
 
