@@ -2,11 +2,11 @@
 
     python -m benchmarks.instants [--only office,tum_fr1_xyz] [--runs 6]
 
-tracks rendered scenes whose rows are read one after the other (25 ms) and whose depth is 14 ms later
-than colour, with stamps that tell so and without; the same scenes with an ideal camera; and the
-real sequences that there are. Each several times, from another start and with another seed; printed
-are root mean squares of the relative pose error over one second (TUM), frames lost, and what was
-measured by the end (medians).
+tracks rendered scenes whose rows are read one after the other (25 ms) and whose depth is 14 ms
+later than colour, with stamps that tell so and without; the same scenes with an ideal camera; and
+the real sequences that there are. Each several times, from another start and with another seed;
+printed are root mean squares of the relative pose error over one second (TUM), frames lost, and
+what was measured by the end (medians).
 """
 
 import argparse
