@@ -202,11 +202,12 @@ def test_what_the_camera_moves_by_in_between():
     for stamps in (0.016, -0.016):
         T = delay.motion(velocity, seen(stamps).frame)
         np.testing.assert_allclose(T, se3.exp(velocity * stamps))
-        lag = delay.lag(seen(stamps), np.eye(4), 1 / 30)
-        assert lag.share == pytest.approx(30 * stamps)
+        lag = delay.lag(seen(stamps), np.eye(4), 1 / 20)
+        assert lag.share == pytest.approx(20 * stamps)
     assert delay.motion(velocity, seen(-3.0).frame) is None  # stamps that make no sense
     assert delay.lag(seen(LARGEST_S), np.eye(4), 1 / 100).share == pytest.approx(100 * LARGEST_S)
-    assert delay.lag(seen(-LARGEST_S), np.eye(4), 1 / 100).share == -1.0
+    # nearer to the last frame than to its image: errors would grow
+    assert delay.lag(seen(-LARGEST_S), np.eye(4), 1 / 30) is AT_ONCE
     assert delay.motion(velocity, seen(0.0).frame) is None
     assert delay.motion(1e-3 * velocity, seen(0.016).frame) is None  # far less than a pixel
     assert delay.lag(seen(0.0), np.eye(4), 1 / 30) is AT_ONCE
@@ -249,7 +250,7 @@ def test_depth_that_is_older_by_its_stamps_costs_little(older):
         rmse, odometry, results = follow(frames, truth, rule)
         assert rmse < 0.6 * at_once
         assert {result.status for result in results} == {Status.TRACKED}
-        assert abs(odometry._delay.seconds) < 0.002  # nothing beyond the stamps
+        assert abs(odometry._instants.depth.seconds) < 0.002  # nothing beyond the stamps
 
 
 def test_a_delay_that_no_stamp_tells_is_measured(older):
@@ -257,17 +258,17 @@ def test_a_delay_that_no_stamp_tells_is_measured(older):
     frames = [replace(frame, depth_delay=0.0) for frame in frames]
     at_once, _, _ = follow(frames, truth, "none")
     rmse, odometry, _ = follow(frames, truth, "measured")
-    assert 1.5 * OLDER < odometry._delay.seconds < 0.3 * OLDER
+    assert 1.5 * OLDER < odometry._instants.depth.seconds < 0.3 * OLDER
     assert rmse < 0.9 * at_once
     odometry.reset()
-    assert odometry._delay.seconds == 0.0
+    assert odometry._instants.depth.seconds == 0.0
 
 
 def test_where_there_is_none_none_is_found():
     frames, truth = clip("office", 0.0)
     at_once, _, _ = follow(frames, truth, "none")
     rmse, odometry, _ = follow(frames, truth, "measured")
-    assert abs(odometry._delay.seconds) < 0.001
+    assert abs(odometry._instants.depth.seconds) < 0.001
     assert rmse < 1.1 * at_once
 
 

@@ -16,7 +16,7 @@ from edvo import kernels, se3
 from edvo.camera import Camera
 from edvo.frame import Frame
 from edvo.kernels import Lag
-from edvo.measuring import Changes, Estimate, Moment
+from edvo.measuring import Changes, Equations, Estimate, Moment
 from edvo.planes import PlaneFitter, camera_of, move_points
 from edvo.registration import AT_ONCE
 from edvo.search import Seen
@@ -25,6 +25,10 @@ EXPECTED_S = 0.01  # how large a delay is beyond the stamps, before anything is 
 LARGEST_S = 0.05  # stamps further apart are those of two clocks
 LEAST_S = 5e-4  # that matters
 LEAST = 2e-4  # m and rad: a tenth of a pixel
+# Of the time since the last frame. Older, depth lies nearer to the last frame than to its image:
+# what that one was off by would come back larger, with its sign turned, from frame to frame. The
+# velocity that was expected errs less from here on: (1 + share)^2 < -share.
+LEAST_SHARE = -0.38
 
 
 class DepthDelay:
@@ -97,12 +101,16 @@ class DepthDelay:
         Returns
         -------
         Lag
+            At once where depth is best left where it was expected.
         """
         delay = self._of(seen.frame)
         if abs(delay) < LEAST_S:
             return AT_ONCE
+        share = delay / period
+        if share < LEAST_SHARE:
+            return AT_ONCE
         T = np.eye(4) if seen.T_cam_depth is None else se3.inverse(seen.T_cam_depth)
-        return Lag(max(delay / period, -1.0), T_key_last, T, AT_ONCE.rows)
+        return Lag(share, T_key_last, T, AT_ONCE.rows)
 
     def settled(self, seen: Seen, velocity: NDArray[np.float64]) -> Seen:
         """Move depth by what the camera has moved by, no longer by what was expected.
@@ -141,7 +149,7 @@ class DepthDelay:
         if seen.T_cam_depth is not None:
             as_stamped = as_stamped @ se3.inverse(seen.T_cam_depth)
         H_planes, b_used = self._equations(moment, T)
-        b_used *= 1 + max(self._of(seen.frame) / moment.period, -1.0)  # as the pose moved depth
+        b_used *= 1 + alignment.lag.share  # as the pose moved depth
         _, b_stamped = self._equations(moment, as_stamped)
         velocity = se3.adjoint(T) @ moment.velocity
         now = np.array([velocity, b_stamped, b_used])
@@ -149,13 +157,9 @@ class DepthDelay:
         if changes is None:
             return
         change, stamped, used = changes
-        # What the pose would take up of a delay tells nothing.
-        h = H_planes @ change
-        taken = np.linalg.solve(alignment.H, h)
-        scale = 1 / alignment.sigma_px**2
-        information = max(float(change @ h - h @ taken), 0.0) * scale
-        gradient = float(change @ stamped - taken @ (stamped - used)) * scale
-        self._beyond.note(information, -gradient, moment.period)
+        mixed = H_planes @ change
+        told = Equations(float(change @ mixed), float(change @ stamped), mixed, stamped - used)
+        self._beyond.learn(told, alignment, moment.period)
 
     def _equations(
         self, moment: Moment, T: NDArray[np.float64]

@@ -55,6 +55,9 @@ class FrontEnd:
             Of the size of the camera.
         index : int
             Number of the frame, which decides what is drawn.
+        T_cam_depth : ndarray of float64, shape (4, 4), optional
+            Maps points of the depth image to the camera at the instant of the grey image; taken to
+            be the same where not given.
 
         Returns
         -------
@@ -105,7 +108,7 @@ class FrontEnd:
         -------
         Keyframe
         """
-        edges = edges or seen.edges.describe(self._camera)
+        edges = seen.edges.describe(self._camera) if edges is None else edges
         return Keyframe(
             index=index,
             T_world_key=rigid(T_world_key),

@@ -56,9 +56,11 @@ class Instants:
         self, camera: Camera, config: Config, registration: Registration, fitter: PlaneFitter
     ) -> None:
         self._camera, self._config = camera, config
+        motion = config.motion
+        self._is_on = motion.depth_delay != "none" or motion.readout != "none"
         self._registration, self._fitter = registration, fitter
-        self.depth = DepthDelay(camera, fitter, config.motion.depth_delay)
-        self.rolling = RollingShutter(camera, registration.solver, config.motion.readout)
+        self.depth = DepthDelay(camera, fitter, motion.depth_delay)
+        self.rolling = RollingShutter(camera, registration.solver, motion.readout)
         self.forget()
 
     def forget(self) -> None:
@@ -119,6 +121,8 @@ class Instants:
         period : float
             Seconds since the frame before it.
         """
+        if not self._is_on:
+            return
         moment = self._moments.note(keyframe, seen, alignment, period)
         if moment is not None:
             self.depth.learn(moment)
@@ -169,9 +173,12 @@ class Instants:
         velocity : ndarray of float64, shape (6,), or None
             Of the camera then; None where that of the next frame has to do.
         """
+        if not self._is_on:
+            return
         rolled = np.zeros(6) if velocity is None else velocity * self.rolling.seconds / 2
-        T = seen.T_cam_depth
-        self._held = _Held(keyframe, seen.frame, seen.edges.index, edges, T, rolled, velocity)
+        # A copy, since whoever gave it may write the next one to the same memory.
+        frame, T = replace(seen.frame, depth=seen.frame.depth.copy()), seen.T_cam_depth
+        self._held = _Held(keyframe, frame, seen.edges.index, edges, T, rolled, velocity)
 
     def renewed(self, keyframe: Keyframe, velocity: NDArray[np.float64]) -> Keyframe | None:
         """Move the parts of a keyframe anew, if they were taken at other instants than thought.

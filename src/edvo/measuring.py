@@ -23,6 +23,26 @@ GATE = 3.0  # sigmas, that a frame may be off by
 SURE = 2.0  # sigmas from 0, for a number to be one
 
 
+@dataclass(frozen=True, slots=True)
+class Equations:
+    """What residuals say of a number, in px^2, over the number and the pose.
+
+    Attributes
+    ----------
+    curvature, gradient : float
+        Of half the sum of squares, along the number.
+    mixed : ndarray of float64, shape (6,)
+        Its curvature along the number and the pose, and
+    gradient_pose : ndarray of float64, shape (6,)
+        its gradient along the pose, both where the number is 0.
+    """
+
+    curvature: float
+    gradient: float
+    mixed: NDArray[np.float64]
+    gradient_pose: NDArray[np.float64]
+
+
 class Estimate:
     """A number, its prior being that it is not far from 0.
 
@@ -74,6 +94,26 @@ class Estimate:
         fade = math.exp(-seconds / MEMORY_S)
         self._information = fade * self._information + information
         self._sum = fade * self._sum + weighted
+
+    def learn(self, told: Equations, alignment: Alignment, seconds: float) -> None:
+        """Take a frame into account; what the pose would take up of the number tells nothing.
+
+        Parameters
+        ----------
+        told : Equations
+        alignment : Alignment
+            Of the frame.
+        seconds : float
+            Since the one before it.
+        """
+        try:
+            taken = np.linalg.solve(alignment.H, told.mixed)
+        except np.linalg.LinAlgError:
+            return
+        scale = 1 / alignment.sigma_px**2
+        information = max(told.curvature - float(told.mixed @ taken), 0.0) * scale
+        gradient = (told.gradient - float(taken @ told.gradient_pose)) * scale
+        self.note(information, -gradient, seconds)
 
 
 @dataclass(frozen=True, slots=True)

@@ -402,6 +402,7 @@ class Odometry:
             self._pieces.rewind(timestamp)
             self._chain.forget()
             self._background.forget()
+            self._instants.interrupt()
             if self._anchor is not None:
                 self._anchor = timestamp, self._anchor[1]
 
@@ -461,6 +462,7 @@ class Odometry:
             if self._anchor is None:
                 self._anchor = timestamp - period, self._T_world_last
         self._blind, self._last_time = True, timestamp
+        self._instants.interrupt()
         self._velocity = se3.log(T_last_cur) / period
         self._T_key_last = alignment.T_ref_cur
         self._T_world_last = key.T_world_key @ alignment.T_ref_cur
@@ -622,7 +624,7 @@ class Odometry:
         keyframe, T_key_cur = self._keyframe, alignment.T_ref_cur
         timestamp = seen.frame.timestamp
         T_last_cur, period = self._moved(T_key_cur, timestamp)
-        is_close = period <= LONGEST_PREDICTION_S
+        follows = self._follows(timestamp)
         self._velocity = se3.log(T_last_cur) / period
         self._T_key_last = T_key_cur
         self._blind = False
@@ -669,8 +671,8 @@ class Odometry:
             better = self._information.is_better(covariance, period)
         due = self._anchor is None and is_due(rule, T_key_cur, share, age, well_placed=better)
         if due:
-            self._set_keyframe(seen, self._velocity if is_close else None)
-        elif is_close:
+            self._set_keyframe(seen, self._velocity if follows else None)
+        elif follows:
             self._renew_keyframe()
         return self._keep(
             timestamp,
@@ -780,7 +782,7 @@ class Odometry:
                 self._store.add(self._front_end.keyframe(seen, good.index, good.T_world_cam, piece))
 
     def _set_keyframe(self, seen: Seen, velocity: NDArray[np.float64] | None) -> None:
-        """Make a frame the keyframe, its depth moved by the velocity where that is known."""
+        """Make a frame the keyframe, its parts moved by the velocity where that is known."""
         with self._clock("keyframe"):
             if velocity is not None:  # measured by now, no longer expected
                 T_cam_depth = self._instants.depth.motion(velocity, seen.frame)
@@ -797,7 +799,7 @@ class Odometry:
             self._instants.hold(keyframe, seen, edges, velocity)
 
     def _renew_keyframe(self) -> None:
-        """Move the depth of the keyframe, where more is known by now of when it was taken."""
+        """Move the parts of the keyframe, where more is known by now of when they were taken."""
         assert self._keyframe is not None
         with self._clock("keyframe"):
             keyframe = self._instants.renewed(self._keyframe, self._velocity)
@@ -828,14 +830,14 @@ class Odometry:
         return not self._losses and self._period(timestamp) <= LONGEST_PREDICTION_S
 
     def _lag(self, seen: Seen) -> kernels.Lag:
-        """When depth was taken, as a share of the time since the last frame."""
+        """When depth and rows were taken, as shares of the time since the last frame."""
         timestamp = seen.frame.timestamp
         if not self._follows(timestamp):
             return AT_ONCE
         return self._instants.lag(seen, self._T_key_last, self._period(timestamp))
 
     def _settled(self, seen: Seen, alignment: Alignment) -> Seen:
-        """Move depth by what the camera has moved by, no longer by what was expected."""
+        """Move depth and rows by what the camera has moved by, no longer by what was expected."""
         timestamp = seen.frame.timestamp
         if not self._follows(timestamp):
             return seen

@@ -74,6 +74,9 @@ class PlaneFitter:
         ----------
         depth : ndarray of float32, shape (H, W)
             Metres, 0 where missing.
+        T_cam_depth : ndarray of float64, shape (4, 4), optional
+            Maps points of the depth image to the camera at the instant of the grey image; taken to
+            be the same where not given.
 
         Returns
         -------
@@ -94,6 +97,9 @@ class PlaneFitter:
         ----------
         depth : ndarray of float32, shape (H, W)
             Metres, 0 where missing.
+        T_cam_depth : ndarray of float64, shape (4, 4), optional
+            Maps points of the depth image to the camera at the instant of the grey image; taken to
+            be the same where not given.
 
         Returns
         -------

@@ -105,6 +105,8 @@ class Alignment:
         Why it stopped.
     history : ndarray of float64, shape (iterations, 8)
         See ``steps``.
+    lag : kernels.Lag
+        When depth and the rows of the image were taken to be taken.
     """
 
     T_ref_cur: NDArray[np.float64]
@@ -123,6 +125,7 @@ class Alignment:
     converged: bool
     reason: str
     history: NDArray[np.float64]
+    lag: kernels.Lag = AT_ONCE
 
     @property
     def match_count(self) -> int:
@@ -292,4 +295,5 @@ class Registration:
             converged=code in (kernels.CONVERGED, kernels.STALLED),
             reason=REASONS[code],
             history=history[:iterations],
+            lag=lag,
         )

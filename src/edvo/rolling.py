@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from edvo import kernels, se3
 from edvo.camera import Camera
 from edvo.edges import EdgePixels
-from edvo.measuring import Changes, Estimate, Moment
+from edvo.measuring import Changes, Equations, Estimate, Moment
 from edvo.planes import camera_of
 
 EXPECTED_S = 0.01  # how long a readout takes, before anything is known (one sigma)
 LARGEST_S = 0.033  # that is believed: a frame of 30 a second
 LEAST_S = 1e-3  # that matters
+NO_ROWS = np.empty(0)
 
 
 class RollingShutter:
@@ -91,14 +92,7 @@ class RollingShutter:
         rows = self.rows(edges.pixels)
         if not len(rows):
             return edges
-        depths = edges.depths if depths is None else depths
-        known = depths[depths > 0]
-        typical = np.float32(np.median(known)) if len(known) else np.float32(np.inf)
-        pixels, moved = np.empty_like(edges.pixels), np.empty_like(depths)
-        kernels.unroll_pixels(
-            edges.pixels, depths, typical, rows, velocity, self._pinhole, pixels, moved
-        )
-        return EdgePixels(pixels, edges.gradients, moved)
+        return unroll(edges, rows, velocity, self._pinhole, depths)
 
     def learn(self, moment: Moment) -> None:
         """Compare how the misfit of edges by rows changes with how the velocity does.
@@ -131,20 +125,46 @@ class RollingShutter:
         to_reference = se3.adjoint(T)
         velocity = to_reference @ moment.velocity
         # at the velocity of both steps, and as if nothing had been made up for
-        as_it_was = b_row - self.seconds * (H_rows @ (to_reference @ moment.expected))
-        none = -self.seconds * (H_row @ (to_reference @ moment.expected))
+        made_up = self.seconds if len(alignment.lag.rows) else 0.0
+        as_it_was = b_row - made_up * (H_rows @ (to_reference @ moment.expected))
+        none = -made_up * (H_row @ (to_reference @ moment.expected))
         changes = self._changes.of(
             np.array([velocity, as_it_was, none]), moment.keyframe, moment.period
         )
         if changes is None:
             return
         change, misfit, pushed = changes
-        h = H_row @ change
-        taken = np.linalg.solve(alignment.H, h)  # by the pose
-        scale = 1 / sigma**2
-        information = max(float(change @ H_rows @ change - h @ taken), 0.0) * scale
-        gradient = float(change @ misfit - taken @ pushed) * scale
-        self._readout.note(information, -gradient, moment.period)
+        curvature = float(change @ H_rows @ change)
+        told = Equations(curvature, float(change @ misfit), H_row @ change, pushed)
+        self._readout.learn(told, alignment, moment.period)
 
 
-NO_ROWS = np.empty(0)
+def unroll(
+    edges: EdgePixels,
+    rows: NDArray[np.float64],
+    velocity: NDArray[np.float64],
+    camera: kernels.Pinhole,
+    depths: NDArray[np.float32] | None = None,
+) -> EdgePixels:
+    """Put edges where they would be at the instant of the image.
+
+    Parameters
+    ----------
+    edges : EdgePixels
+    rows : ndarray of float64, shape (N,)
+        Seconds after that instant at which each was seen.
+    velocity, depths
+        See ``RollingShutter.unrolled``.
+    camera : kernels.Pinhole
+
+    Returns
+    -------
+    EdgePixels
+        With the gradients that they had.
+    """
+    depths = edges.depths if depths is None else depths
+    known = depths[depths > 0]
+    typical = np.float32(np.median(known)) if len(known) else np.float32(np.inf)
+    pixels, moved = np.empty_like(edges.pixels), np.empty_like(depths)
+    kernels.unroll_pixels(edges.pixels, depths, typical, rows, velocity, camera, pixels, moved)
+    return EdgePixels(pixels, edges.gradients, moved)

@@ -37,6 +37,9 @@ def sample_edges(
         How depth is taken at an edge.
     seed : int
         The same seed draws the same edges.
+    T_cam_depth : ndarray of float64, shape (4, 4), optional
+        Maps points of the depth image to the camera at the instant of the grey image; taken to be
+        the same where not given.
 
     Returns
     -------

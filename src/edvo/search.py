@@ -45,7 +45,7 @@ class Seen:
     edges: EdgeImage
     samples: EdgePixels
     points: PlanePoints
-    T_cam_depth: NDArray[np.float64] | None = None
+    T_cam_depth: NDArray[np.float64] | None = None  # that the points were moved by already
 
 
 class Search:

@@ -8,8 +8,14 @@ import numpy as np
 from edvo import kernels
 from edvo.camera import Camera
 from edvo.config import Config
+from edvo.edges import depth_at_edges, extract_edges
 from edvo.frame import Frame, register_depth
 from edvo.odometry import Odometry
+from edvo.planes import camera_of
+from edvo.rolling import unroll
+
+MOVING = 5  # frames: after so many the instants of depth and rows are measured
+DEPTH_DELAY_S = 0.015
 
 
 def cache_folder() -> Path | None:
@@ -44,10 +50,14 @@ def warm_up(config: Config) -> None:
     depth = np.full((height, width), 2.0, np.float32)
     v, u = np.mgrid[:height, :width]
     odometry = Odometry(camera, config)
-    for index in range(3):
+    for index in range(MOVING):
         bars = ((u + index) // 16 + v // 16) % 2
         # each a little lighter, so that none counts as the same image as before
         grey = np.ascontiguousarray(60 + 2 * index + 120 * bars, dtype=np.uint8)
-        odometry.track(Frame(timestamp=index / 30.0, grey=grey, depth=depth))
+        odometry.track(Frame(index / 30.0, grey, depth, depth_delay=DEPTH_DELAY_S))
     # and darkness, where depth alone goes on
-    odometry.track(Frame(timestamp=0.1, grey=np.zeros_like(grey), depth=depth))
+    odometry.track(Frame(MOVING / 30.0, np.zeros_like(grey), depth))
+    # and a rolling shutter, which takes longer to be found
+    edges = extract_edges(grey, config.edges)
+    depths = depth_at_edges(Frame(0.0, grey, depth).depth, edges.index, config.edges)
+    unroll(edges.describe(camera), np.zeros(len(edges)), np.zeros(6), camera_of(camera), depths)
