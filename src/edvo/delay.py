@@ -112,6 +112,14 @@ class DepthDelay:
         T = np.eye(4) if seen.T_cam_depth is None else se3.inverse(seen.T_cam_depth)
         return Lag(share, T_key_last, T, AT_ONCE.rows)
 
+    def share(self, frame: Frame, period: float) -> float:
+        """When depth was taken after its image, over the time since the last frame."""
+        return self._of(frame) / period
+
+    def matters(self, seen: Seen) -> bool:
+        """Whether depth was not taken at the instant of its image."""
+        return seen.T_cam_depth is not None or abs(self._of(seen.frame)) >= LEAST_S
+
     def settled(self, seen: Seen, velocity: NDArray[np.float64]) -> Seen:
         """Move depth by what the camera has moved by, no longer by what was expected.
 
@@ -132,6 +140,10 @@ class DepthDelay:
         now, then = (np.eye(4) if T is None else T for T in (T_cam_depth, seen.T_cam_depth))
         points = move_points(seen.points, now @ se3.inverse(then))
         return replace(seen, points=points, T_cam_depth=T_cam_depth)
+
+    def is_known(self, sigma: float) -> bool:
+        """Whether it is as certain as that (one sigma, seconds), or not asked for."""
+        return not self._is_measured or self._beyond.variance < sigma * sigma
 
     def learn(self, moment: Moment) -> None:
         """Compare how depth's misfit changes with how the velocity does.

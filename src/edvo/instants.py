@@ -21,6 +21,8 @@ from edvo.rolling import RollingShutter
 from edvo.search import Seen
 
 NEWS = 1e-3  # m and rad, by which a part of a keyframe must be off to be moved anew
+KNOWN_S = 4e-3  # to so much (one sigma), and one frame in so many is enough to keep them up
+RARELY = 4
 
 
 @dataclass(slots=True)
@@ -69,6 +71,7 @@ class Instants:
         self.rolling.forget()
         self._moments = Moments()
         self._held: _Held | None = None
+        self._count = 0
 
     def lag(self, seen: Seen, T_key_last: NDArray[np.float64], period: float) -> Lag:
         """Say when the parts of a frame were taken, for a registration to move them.
@@ -105,6 +108,8 @@ class Instants:
         -------
         Seen
         """
+        if not self.depth.matters(seen) and not self.rolling.seconds:
+            return seen
         velocity = se3.log(T_last_cur) / period
         seen = self.depth.settled(seen, velocity)
         return replace(seen, samples=self.rolling.unrolled(seen.samples, velocity))
@@ -123,10 +128,16 @@ class Instants:
         """
         if not self._is_on:
             return
-        moment = self._moments.note(keyframe, seen, alignment, period)
+        self._count += 1
+        wanted = self._count % RARELY == 0 or not self._are_known
+        moment = self._moments.note(keyframe, seen, alignment, period, wanted=wanted)
         if moment is not None:
             self.depth.learn(moment)
             self.rolling.learn(moment)
+
+    @property
+    def _are_known(self) -> bool:
+        return self.depth.is_known(KNOWN_S) and self.rolling.is_known(KNOWN_S)
 
     def interrupt(self) -> None:
         """Take note that a frame is not to be trusted."""

@@ -153,7 +153,13 @@ class Moments:
         self._T_before: NDArray[np.float64] | None = None  # of the frame before that
 
     def note(
-        self, keyframe: Keyframe, seen: Seen, alignment: Alignment, period: float
+        self,
+        keyframe: Keyframe,
+        seen: Seen,
+        alignment: Alignment,
+        period: float,
+        *,
+        wanted: bool = True,
     ) -> Moment | None:
         """Take the next frame.
 
@@ -165,6 +171,8 @@ class Moments:
         alignment : Alignment
         period : float
             Seconds since the frame before it.
+        wanted : bool
+            False where there is no need to look at the frame before it.
 
         Returns
         -------
@@ -180,7 +188,7 @@ class Moments:
             return None
         T = last[2].T_ref_cur
         self._T_before = T
-        if before is None:
+        if before is None or not wanted:
             return None
         T_cur_before = se3.inverse(T) @ before
         both = (

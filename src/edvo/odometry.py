@@ -57,6 +57,9 @@ UNSURE = "after a stretch without edges they fit no place for sure"
 ANEW = "begun anew where it was expected; what was seen before has not been seen since"
 BACK_S = 1.0  # a clock that jumps back so far has begun anew
 FADING_S = 0.5  # that a velocity lasts which nothing confirms, where depth alone goes on
+# Where depth alone says where it is, what it errs by comes back with the velocity that moves the
+# next depth, and grows if that was taken so much later than its image, over the time between two.
+FED_BACK = 0.4
 NOMINAL_PERIOD_S = 1 / 30  # stands in where stamps repeat, all but repeat, or go back
 
 
@@ -821,9 +824,12 @@ class Odometry:
 
     def _lead(self, frame: Frame) -> NDArray[np.float64] | None:
         """Where the camera was when the depth of the next frame was taken, as against its image."""
+        depth, period = self._instants.depth, self._period(frame.timestamp)
         if not self._follows(frame.timestamp):
             return None
-        return self._instants.depth.motion(self._velocity, frame)
+        if self._blind and depth.share(frame, period) > FED_BACK:
+            return None
+        return depth.motion(self._velocity, frame)
 
     def _follows(self, timestamp: float) -> bool:
         """Whether the last pose is that of a moment ago."""

@@ -94,6 +94,10 @@ class RollingShutter:
             return edges
         return unroll(edges, rows, velocity, self._pinhole, depths)
 
+    def is_known(self, sigma: float) -> bool:
+        """Whether it is as certain as that (one sigma, seconds), or not asked for."""
+        return not self._is_measured or self._readout.variance < sigma * sigma
+
     def learn(self, moment: Moment) -> None:
         """Compare how the misfit of edges by rows changes with how the velocity does.
 
