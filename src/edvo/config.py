@@ -296,8 +296,8 @@ class MotionConfig(Section):
         default="measured",
         description="from the instant of a colour image to that of its depth, for what the camera "
         "moves by in between to be made up for: as stamps tell it, and what is measured beyond "
-        "them while tracking; as stamps tell it; or taken to be none; with planes.weight. Not in the "
-        "paper",
+        "them while tracking; as stamps tell it; or taken to be none. With planes.weight. Not in "
+        "the paper",
     )
     readout: Literal["measured", "none"] = Field(
         default="measured",

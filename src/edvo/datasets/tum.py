@@ -360,8 +360,11 @@ def read_pairs(file: Path) -> list[Row]:
         # ICL-NUIM writes depth first, TUM's tool whatever it is given: the folders tell.
         if name.lower().startswith("depth"):
             stamp, other_stamp, name, other_name = other_stamp, stamp, other_name, name
-        time, depth_time = (_time(each, file, line) for each in (stamp, other_stamp))
-        delay = stamped_delay(time, depth_time)
+        time = _time(stamp, file, line)
+        try:
+            delay = stamped_delay(time, _time(other_stamp, file, line))
+        except DatasetError:  # the time of depth is not needed
+            delay = 0.0
         rows.append(Row(line, stamp, time, (name, other_name), delay))
     return rows
 
