@@ -151,10 +151,10 @@ def test_depth_lags_by_a_share_of_the_motion():
     T = T_last @ se3.exp(step)
     assert kernels.lagged(T, AT_ONCE) is T
     for share in (-1.0, -0.4, 0.5):
-        lag = kernels.Lag(share, T_last, np.eye(4))
+        lag = kernels.Lag(share, T_last, np.eye(4), AT_ONCE.rows)
         np.testing.assert_allclose(kernels.lagged(T, lag), T_last @ se3.exp((1 + share) * step))
         expected = se3.exp([0.0, 0.01, 0.0, 0.0, 0.02, 0.0])  # what points were moved by
-        moved = kernels.lagged(T, kernels.Lag(share, T_last, se3.inverse(expected)))
+        moved = kernels.lagged(T, kernels.Lag(share, T_last, se3.inverse(expected), AT_ONCE.rows))
         np.testing.assert_allclose(moved @ expected, kernels.lagged(T, lag), atol=1e-12)
 
 
@@ -186,7 +186,7 @@ def test_a_registration_finds_the_pose_of_the_image_not_of_the_depth():
         return problems.error(se3.exp(step), found.T_ref_cur)[0]
 
     assert error(AT_ONCE) > 0.008
-    assert error(kernels.Lag(-0.5, np.eye(4), np.eye(4))) < 0.001
+    assert error(kernels.Lag(-0.5, np.eye(4), np.eye(4), AT_ONCE.rows)) < 0.001
 
 
 def seen(delay=0.0):
@@ -249,7 +249,7 @@ def test_depth_that_is_older_by_its_stamps_costs_little(older):
         rmse, odometry, results = follow(frames, truth, rule)
         assert rmse < 0.6 * at_once
         assert {result.status for result in results} == {Status.TRACKED}
-        assert abs(odometry._delay.seconds) < 0.002  # nothing beyond the stamps
+        assert abs(odometry._instants.depth.seconds) < 0.002  # nothing beyond the stamps
 
 
 def test_a_delay_that_no_stamp_tells_is_measured(older):
@@ -257,17 +257,17 @@ def test_a_delay_that_no_stamp_tells_is_measured(older):
     frames = [replace(frame, depth_delay=0.0) for frame in frames]
     at_once, _, _ = follow(frames, truth, "none")
     rmse, odometry, _ = follow(frames, truth, "measured")
-    assert 1.5 * OLDER < odometry._delay.seconds < 0.3 * OLDER
+    assert 1.5 * OLDER < odometry._instants.depth.seconds < 0.3 * OLDER
     assert rmse < 0.9 * at_once
     odometry.reset()
-    assert odometry._delay.seconds == 0.0
+    assert odometry._instants.depth.seconds == 0.0
 
 
 def test_where_there_is_none_none_is_found():
     frames, truth = clip("office", 0.0)
     at_once, _, _ = follow(frames, truth, "none")
     rmse, odometry, _ = follow(frames, truth, "measured")
-    assert abs(odometry._delay.seconds) < 0.001
+    assert abs(odometry._instants.depth.seconds) < 0.001
     assert rmse < 1.1 * at_once
 
 

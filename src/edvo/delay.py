@@ -16,7 +16,7 @@ from edvo import kernels, se3
 from edvo.camera import Camera
 from edvo.frame import Frame
 from edvo.kernels import Lag
-from edvo.measuring import Changes, Estimate, Moment
+from edvo.measuring import Changes, Estimate, Moment, taken_by_pose
 from edvo.planes import PlaneFitter, camera_of, move_points
 from edvo.registration import AT_ONCE
 from edvo.search import Seen
@@ -141,20 +141,22 @@ class DepthDelay:
         if seen.T_cam_depth is not None:
             as_stamped = as_stamped @ se3.inverse(seen.T_cam_depth)
         H_planes, b_used = self._equations(moment, T)
-        b_used *= 1 + max(self._of(seen.frame) / moment.period, -1.0)  # as the pose moved depth
         _, b_stamped = self._equations(moment, as_stamped)
         velocity = se3.adjoint(T) @ moment.velocity
-        now = np.array([velocity, b_stamped, b_used])
+        moves = 1 + max(self._of(seen.frame) / moment.period, -1.0)  # depth, as the pose does
+        now = np.array([velocity, b_stamped, moves * (b_stamped - b_used)])
         changes = self._changes.of(now, moment.keyframe, moment.period)
         if changes is None:
             return
-        change, stamped, used = changes
+        change, stamped, pushed = changes
         # What the pose would take up of a delay tells nothing.
         h = H_planes @ change
-        taken = np.linalg.solve(alignment.H, h)
+        taken = taken_by_pose(alignment.H, moves * h)
+        if taken is None:
+            return
         scale = 1 / alignment.sigma_px**2
-        information = max(float(change @ h - h @ taken), 0.0) * scale
-        gradient = float(change @ stamped - taken @ (stamped - used)) * scale
+        information = max(float(change @ h - moves * (h @ taken)), 0.0) * scale
+        gradient = float(change @ stamped - taken @ pushed) * scale
         self._beyond.note(information, -gradient, moment.period)
 
     def _equations(

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from edvo import se3
+from edvo import kernels, se3
 from edvo.keyframes import Keyframe
 from edvo.registration import Alignment
 from edvo.search import Seen
@@ -58,8 +58,8 @@ class Estimate:
         """
         information, weighted = information / SHARED, weighted / SHARED
         off = weighted - information * self.value
-        if off * off > GATE * GATE * information * (1 + information * self._variance):
-            return
+        if not off * off <= GATE * GATE * information * (1 + information * self._variance):
+            return  # nor is what is no number taken
         fade = math.exp(-seconds / MEMORY_S)
         self._information = fade * self._information + information
         self._sum = fade * self._sum + weighted
@@ -172,3 +172,23 @@ class Changes:
         self._age += period
         self._mean = self._mean + change * max(period / SETTLING_S, period / (period + self._age))
         return change
+
+
+def taken_by_pose(
+    H: NDArray[np.float64], pushed: NDArray[np.float64]
+) -> NDArray[np.float64] | None:
+    """Say by how much a pose would follow where misfits push it.
+
+    Parameters
+    ----------
+    H : ndarray of float64, shape (6, 6)
+        Of the registration; see ``Alignment``.
+    pushed : ndarray of float64, shape (6,)
+
+    Returns
+    -------
+    ndarray of float64, shape (6,), or None
+        None where edges and depth do not constrain the pose.
+    """
+    taken = np.empty(6)
+    return taken if kernels.solve_damped(H, -pushed, 0.0, taken) else None

@@ -451,6 +451,7 @@ class Odometry:
             if self._anchor is None:
                 self._anchor = timestamp - period, self._T_world_last
         self._blind, self._last_time = True, timestamp
+        self._instants.interrupt()
         self._velocity = se3.log(T_last_cur) / period
         self._T_key_last = alignment.T_ref_cur
         self._T_world_last = key.T_world_key @ alignment.T_ref_cur
@@ -737,6 +738,7 @@ class Odometry:
         """Leave the state as it was, so that the next frame tries again from the keyframe."""
         log = logger.debug if self._losses else logger.warning
         log("frame %d lost: %s", self._count, reason)
+        self._instants.interrupt()
         if not self._losses and self.config.keyframes.stored:
             self._store_last_good()
         self._losses += 1

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from edvo import kernels, se3
 from edvo.camera import Camera
 from edvo.edges import EdgePixels
-from edvo.measuring import Changes, Estimate, Moment
+from edvo.measuring import Changes, Estimate, Moment, taken_by_pose
 from edvo.planes import camera_of
 
 EXPECTED_S = 0.01  # how long a readout takes, before anything is known (one sigma)
@@ -34,7 +34,8 @@ class RollingShutter:
 
     def __init__(self, camera: Camera, solver: kernels.Solver, rule: str) -> None:
         self._pinhole, self._solver = camera_of(camera), solver
-        self._is_measured = rule == "measured"
+        # distances have no sign that a velocity could change
+        self._is_measured = rule == "measured" and solver.residual == kernels.SIGNED
         self._readout = Estimate(EXPECTED_S)
         self.forget()
 
@@ -140,7 +141,9 @@ class RollingShutter:
             return
         change, misfit, pushed = changes
         h = H_row @ change
-        taken = np.linalg.solve(alignment.H, h)  # by the pose
+        taken = taken_by_pose(alignment.H, h)
+        if taken is None:
+            return
         scale = 1 / sigma**2
         information = max(float(change @ H_rows @ change - h @ taken), 0.0) * scale
         gradient = float(change @ misfit - taken @ pushed) * scale
