@@ -251,6 +251,33 @@ def test_the_delay_shows_in_how_misfits_change_with_velocity():
     assert loose.seconds == 0.0
 
 
+def test_a_pose_that_gives_way_to_depth_hides_nothing_of_the_delay():
+    """Edges hold it no better than depth pulls at it, and depth moves by half of what it does."""
+    fitter = PlaneFitter(CAMERA, PlanesConfig())
+    planes = fitter.planes(surfaces(CAMERA, np.eye(4))[0])
+    keyframe, rng, period = SimpleNamespace(planes=planes), np.random.default_rng(3), 1 / 30
+    delay = DepthDelay(CAMERA, fitter, "measured")
+    for _ in range(8):
+        velocity = rng.normal(0, 0.3, 6)
+        T, T_last = np.eye(4), se3.exp(-velocity * period)
+        raw = seen(OLDER)  # half a period by its stamp
+        depth, _ = surfaces(CAMERA, se3.inverse(se3.exp(velocity * (OLDER + 0.006))))
+        raw = replace(raw, points=fitter.points(depth))
+        for _ in range(6):
+            here = delay.settled(raw, se3.log(se3.inverse(T_last) @ T) / period)
+            moves = 1 + delay.lag(here, T_last, period).share
+            found = SimpleNamespace(
+                T_ref_cur=T, depth_balance=100.0, sigma_depth=3.0, sigma_px=0.1, H=None
+            )
+            moment = Moment(keyframe, here, found, period, velocity, velocity)
+            H, b = delay._equations(moment, T)
+            H_edges = 0.5 * H
+            found.H = H_edges + moves**2 * H
+            T = se3.exp(-np.linalg.solve(found.H, H_edges @ se3.log(T) + moves * b)) @ T
+        delay.learn(moment)
+    assert delay.seconds == pytest.approx(0.006, rel=0.2)
+
+
 # ------------------------------------------------------------------------------------- sequences
 
 
