@@ -1,6 +1,7 @@
 """Depth that is not taken at the instant of its image: moved, measured, and what it is worth."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from edvo.delay import LARGEST_S, DepthDelay
 from edvo.edges import NO_TABLE, extract_edges
 from edvo.evaluation import evaluate
 from edvo.frame import Frame
+from edvo.measuring import Moment
 from edvo.odometry import Odometry, Status
 from edvo.planes import PlaneFitter, camera_of, move_points
 from edvo.registration import AT_ONCE, Registration
@@ -145,16 +147,28 @@ def test_the_twist_of_a_motion_equals_its_numpy_twin():
         np.testing.assert_allclose(inverse, se3.inverse(T), atol=1e-12)
 
 
+def test_the_equations_of_depth_equal_their_numpy_twin():
+    fitter = PlaneFitter(CAMERA, PlanesConfig())
+    depth, _ = surfaces(CAMERA, np.eye(4))
+    planes, points = fitter.planes(depth), fitter.points(depth)
+    T = se3.exp(0.2 * se3.log(T_CAM_DEPTH))
+    H, b = np.full((6, 6), np.nan), np.full(6, np.nan)
+    kernels.depth_equations(planes, points, camera_of(CAMERA), T, fitter.term, 3.0, 0.7, H, b)
+    expected = twins.depth_equations(planes, points, CAMERA, T, fitter.term, 3.0, 0.7)
+    np.testing.assert_allclose(H, expected[0], rtol=1e-6, atol=1e-6 * abs(H).max())
+    np.testing.assert_allclose(b, expected[1], rtol=1e-6, atol=1e-6 * abs(b).max())
+
+
 def test_depth_lags_by_a_share_of_the_motion():
     step = np.array([0.01, 0.02, -0.01, 0.02, 0.01, -0.03])
     T_last = se3.exp([0.3, 0.1, -0.2, 0.1, 0.2, 0.3])
     T = T_last @ se3.exp(step)
     assert kernels.lagged(T, AT_ONCE) is T
     for share in (-1.0, -0.4, 0.5):
-        lag = kernels.Lag(share, T_last, np.eye(4))
+        lag = kernels.Lag(share, T_last, np.eye(4), AT_ONCE.rows)
         np.testing.assert_allclose(kernels.lagged(T, lag), T_last @ se3.exp((1 + share) * step))
         expected = se3.exp([0.0, 0.01, 0.0, 0.0, 0.02, 0.0])  # what points were moved by
-        moved = kernels.lagged(T, kernels.Lag(share, T_last, se3.inverse(expected)))
+        moved = kernels.lagged(T, kernels.Lag(share, T_last, se3.inverse(expected), AT_ONCE.rows))
         np.testing.assert_allclose(moved @ expected, kernels.lagged(T, lag), atol=1e-12)
 
 
@@ -186,7 +200,7 @@ def test_a_registration_finds_the_pose_of_the_image_not_of_the_depth():
         return problems.error(se3.exp(step), found.T_ref_cur)[0]
 
     assert error(AT_ONCE) > 0.008
-    assert error(kernels.Lag(-0.5, np.eye(4), np.eye(4))) < 0.001
+    assert error(kernels.Lag(-0.5, np.eye(4), np.eye(4), AT_ONCE.rows)) < 0.001
 
 
 def seen(delay=0.0):
@@ -216,6 +230,53 @@ def test_what_the_camera_moves_by_in_between():
     assert off.lag(seen(0.016), np.eye(4), 1 / 30) is AT_ONCE
     alone = DepthDelay(CAMERA, PlaneFitter(CAMERA, PlanesConfig(weight=0)), "measured")
     assert alone.motion(velocity, seen(0.016).frame) is None
+
+
+def test_the_delay_shows_in_how_misfits_change_with_velocity():
+    """At the true pose, which edges hold, and of which depth knows nothing where it is loose."""
+    fitter = PlaneFitter(CAMERA, PlanesConfig())
+    planes = fitter.planes(surfaces(CAMERA, np.eye(4))[0])
+    keyframe, rng = SimpleNamespace(planes=planes), np.random.default_rng(3)
+    held, loose = DepthDelay(CAMERA, fitter, "measured"), DepthDelay(CAMERA, fitter, "measured")
+    for _ in range(8):
+        velocity = rng.normal(0, 0.3, 6)
+        depth, _ = surfaces(CAMERA, se3.inverse(se3.exp(velocity * 0.008)))
+        for delay, H in ((held, 1e9 * np.eye(6)), (loose, np.zeros((6, 6)))):
+            here = replace(seen(), points=fitter.points(depth))
+            here = delay.settled(here, velocity)
+            alignment = SimpleNamespace(
+                T_ref_cur=np.eye(4), H=H, depth_balance=100.0, sigma_depth=3.0, sigma_px=0.1
+            )
+            delay.learn(Moment(keyframe, here, alignment, 1 / 30, velocity, velocity))
+    assert held.seconds == pytest.approx(0.008, rel=0.1)
+    assert loose.seconds == 0.0
+
+
+def test_a_pose_that_gives_way_to_depth_hides_nothing_of_the_delay():
+    """Edges hold it no better than depth pulls at it, and depth moves by half of what it does."""
+    fitter = PlaneFitter(CAMERA, PlanesConfig())
+    planes = fitter.planes(surfaces(CAMERA, np.eye(4))[0])
+    keyframe, rng, period = SimpleNamespace(planes=planes), np.random.default_rng(3), 1 / 30
+    delay = DepthDelay(CAMERA, fitter, "measured")
+    for _ in range(8):
+        velocity = rng.normal(0, 0.3, 6)
+        T, T_last = np.eye(4), se3.exp(-velocity * period)
+        raw = seen(OLDER)  # half a period by its stamp
+        depth, _ = surfaces(CAMERA, se3.inverse(se3.exp(velocity * (OLDER + 0.006))))
+        raw = replace(raw, points=fitter.points(depth))
+        for _ in range(6):
+            here = delay.settled(raw, se3.log(se3.inverse(T_last) @ T) / period)
+            moves = 1 + delay.lag(here, T_last, period).share
+            found = SimpleNamespace(
+                T_ref_cur=T, depth_balance=100.0, sigma_depth=3.0, sigma_px=0.1, H=None
+            )
+            moment = Moment(keyframe, here, found, period, velocity, velocity)
+            H, b = delay._equations(moment, T)
+            H_edges = 0.5 * H
+            found.H = H_edges + moves**2 * H
+            T = se3.exp(-np.linalg.solve(found.H, H_edges @ se3.log(T) + moves * b)) @ T
+        delay.learn(moment)
+    assert delay.seconds == pytest.approx(0.006, rel=0.2)
 
 
 # ------------------------------------------------------------------------------------- sequences

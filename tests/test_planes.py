@@ -12,6 +12,8 @@ from edvo.planes import PlaneFitter, PlaneMap, PlanePoints
 from edvo.registration import Registration
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
 
+from . import twins
+
 CAMERA = Camera(width=320, height=240, fx=260.0, fy=255.0, cx=158.3, cy=121.9)
 BENT = Camera(
     width=320,
@@ -188,23 +190,6 @@ def random_scene(rng):
     return planes, points
 
 
-def distances_by_numpy(planes, points, camera, T, term):
-    """What match_planes computes: (normal over noise, Y, distance over noise)."""
-    Y = points.X @ T[:3, :3].T + T[:3, 3]
-    pixel = Y[:, :2] / Y[:, 2:] * [camera.fx, camera.fy] + [camera.cx, camera.cy]
-    col, row = np.floor(pixel / planes.step + 0.5).astype(int).T
-    inside = (col >= 0) & (col < planes.cols) & (row >= 0) & (row < planes.rows)
-    k = np.where(inside, row * planes.cols + col, 0)
-    normal = planes.normals[k]
-    turned = points.normals @ T[:3, :3].T
-    along = np.einsum("ij,ij->i", normal, Y)
-    noise = points.sigma * np.maximum(np.abs(along) / Y[:, 2], 0.1)
-    r = (along - planes.offsets[k]) / noise
-    kept = inside & (planes.offsets[k] > 0) & (Y[:, 2] > kernels.MIN_DEPTH)
-    kept &= (np.einsum("ij,ij->i", normal, turned) >= term.min_dot) & (np.abs(r) <= term.limit)
-    return normal[kept] / noise[kept, None], Y[kept], r[kept]
-
-
 @pytest.mark.parametrize("seed", range(5))
 def test_matching_equals_its_numpy_twin(seed):
     rng = np.random.default_rng(seed)
@@ -214,7 +199,7 @@ def test_matching_equals_its_numpy_twin(seed):
     pinhole = kernels.Pinhole(CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy, 320, 240)
     found = kernels.new_plane_matches(300)
     count = kernels.match_planes(planes, points, pinhole, T, term, found)
-    normal, Y, r = distances_by_numpy(planes, points, CAMERA, T, term)
+    normal, Y, r = twins.match_planes(planes, points, CAMERA, T, term)
     assert count == len(r) > 50
     np.testing.assert_allclose(found.residuals[:count], r, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(found.normal[:count], normal, rtol=1e-9)

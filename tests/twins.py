@@ -591,3 +591,67 @@ def delayed_depths(index, depth, camera, T, radius, gap, given):
                 break
             found[k] = z - dz
     return found
+
+
+def match_planes(planes, points, camera, T, term):
+    """Normals over noise, points in the reference camera, and distances over noise."""
+    Y = points.X @ T[:3, :3].T + T[:3, 3]
+    pixel = Y[:, :2] / Y[:, 2:] * [camera.fx, camera.fy] + [camera.cx, camera.cy]
+    col, row = np.floor(pixel / planes.step + 0.5).astype(int).T
+    inside = (col >= 0) & (col < planes.cols) & (row >= 0) & (row < planes.rows)
+    k = np.where(inside, row * planes.cols + col, 0)
+    normal = planes.normals[k]
+    turned = points.normals @ T[:3, :3].T
+    along = np.einsum("ij,ij->i", normal, Y)
+    noise = points.sigma * np.maximum(np.abs(along) / Y[:, 2], 0.1)
+    r = (along - planes.offsets[k]) / noise
+    kept = inside & (planes.offsets[k] > 0) & (Y[:, 2] > kernels.MIN_DEPTH)
+    kept &= (np.einsum("ij,ij->i", normal, turned) >= term.min_dot) & (np.abs(r) <= term.limit)
+    return normal[kept] / noise[kept, None], Y[kept], r[kept]
+
+
+def _derivative(Y, direction):
+    """Of ``direction . Y`` by a left perturbation [v, w] of the pose, (N, 6)."""
+    return np.hstack((direction, np.cross(Y, direction)))
+
+
+def depth_equations(planes, points, camera, T, term, sigma, scale):
+    normal, Y, r = match_planes(planes, points, camera, T, term)
+    J = _derivative(Y, normal)
+    w = robust.weights(r / sigma, "tukey", kernels.TUKEY_TUNING)
+    return scale * J.T @ (w[:, None] * J), scale * J.T @ (w * r)
+
+
+# ------------------------------------------------------------------------------ rolling shutters
+
+
+def roll(points, rows, twist):
+    """Points moved by so much of a twist, each its own share, to first order."""
+    return points + rows[:, None] * (twist[:3] + np.cross(twist[3:], points))
+
+
+def unroll_pixels(pixels, depths, typical, rows, velocity, camera):
+    """Pixels and depths of edges at the instant of the image."""
+    z = np.where(depths > 0, depths, typical).astype(np.float64)
+    rays = camera.backproject(pixels.astype(np.float64), np.ones(len(pixels)))
+    rates = velocity[:3] / z[:, None] + np.cross(velocity[3:], rays)
+    moved = rays + rows[:, None] * rates  # over the depth, which may be infinite
+    near = (z < kernels.MIN_DEPTH) | (moved[:, 2] < 0.5)
+    there, nearer = _project(camera, moved), depths * moved[:, 2]
+    return np.where(near[:, None], pixels, there), np.where(near, depths, nearer)
+
+
+def row_equations(pixels, depths, gradients, matches, residuals, camera, T, weight, tuning, sigma):
+    """J^T W J times the row and times its square, and J^T W r times the row."""
+    kept = matches >= 0
+    Y = camera.backproject(pixels[kept].astype(np.float64), depths[kept].astype(np.float64))
+    Y = Y @ T[:3, :3].T + T[:3, 3]
+    (x, y, z), (nu, nv) = Y.T, gradients[matches[kept]].astype(np.float64).T
+    along = np.column_stack(
+        (nu * camera.fx / z, nv * camera.fy / z, -(nu * camera.fx * x + nv * camera.fy * y) / z**2)
+    )
+    J, r = _derivative(Y, along), residuals[kept]
+    w = robust.weights(r / sigma, weight, tuning)
+    row = pixels[kept, 1].astype(np.float64) / camera.height - 0.5
+    H_row, H_rows = (J.T @ ((w * row**k)[:, None] * J) for k in (1, 2))
+    return H_row, H_rows, J.T @ (w * row * r)

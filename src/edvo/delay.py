@@ -161,16 +161,16 @@ class DepthDelay:
         if seen.T_cam_depth is not None:
             as_stamped = as_stamped @ se3.inverse(seen.T_cam_depth)
         H_planes, b_used = self._equations(moment, T)
-        b_used *= 1 + alignment.lag.share  # as the pose moved depth
+        moves = 1 + alignment.lag.share  # depth, as the pose does
         _, b_stamped = self._equations(moment, as_stamped)
         velocity = se3.adjoint(T) @ moment.velocity
-        now = np.array([velocity, b_stamped, b_used])
+        now = np.array([velocity, b_stamped, moves * (b_stamped - b_used)])
         changes = self._changes.of(now, moment.keyframe, moment.period)
         if changes is None:
             return
-        change, stamped, used = changes
-        mixed = H_planes @ change
-        told = Equations(float(change @ mixed), float(change @ stamped), mixed, stamped - used)
+        change, stamped, pushed = changes
+        h = H_planes @ change
+        told = Equations(float(change @ h), float(change @ stamped), moves * h, pushed)
         self._beyond.learn(told, alignment, moment.period)
 
     def _equations(

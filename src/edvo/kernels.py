@@ -1234,15 +1234,19 @@ def unroll_pixels(
 ) -> None:
     """Write where edges would be at the instant of the image, each seen ``rows`` seconds after it.
 
-    Where an edge has no depth (0) it is taken to be at the ``typical`` one.
+    Where an edge has no depth (0) it is taken to be at the ``typical`` one. One so near that it
+    would come twice as near, or has no usable projection, stays.
     """
     a, b, c, p, q, r = velocity
     for i in range(rows.size):
+        moved[i, 0], moved[i, 1], moved_depths[i] = pixels[i, 0], pixels[i, 1], depths[i]
         z = np.float64(depths[i] if depths[i] > 0 else typical)
         x, y = (pixels[i, 0] - camera.cx) / camera.fx, (pixels[i, 1] - camera.cy) / camera.fy
         s = rows[i]
         # over the depth, so that it may be infinite
-        w = 1 + s * (c / z + p * y - q * x)
+        w = 1 + s * (c / z + p * y - q * x) if z >= MIN_DEPTH else 0.0
+        if w < 0.5:
+            continue
         moved[i, 0] = (x + s * (a / z + q - r * y)) / w * camera.fx + camera.cx
         moved[i, 1] = (y + s * (b / z + r * x - p)) / w * camera.fy + camera.cy
         moved_depths[i] = depths[i] * w

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from edvo import se3
+from edvo import kernels, se3
 from edvo.keyframes import Keyframe
 from edvo.registration import Alignment
 from edvo.search import Seen
@@ -89,8 +89,8 @@ class Estimate:
         """
         information, weighted = information / SHARED, weighted / SHARED
         off = weighted - information * self.likely
-        if off * off > GATE * GATE * information * (1 + information * self._variance):
-            return
+        if not off * off <= GATE * GATE * information * (1 + information * self._variance):
+            return  # nor is what is no number taken
         fade = math.exp(-seconds / MEMORY_S)
         self._information = fade * self._information + information
         self._sum = fade * self._sum + weighted
@@ -106,9 +106,8 @@ class Estimate:
         seconds : float
             Since the one before it.
         """
-        try:
-            taken = np.linalg.solve(alignment.H, told.mixed)
-        except np.linalg.LinAlgError:
+        taken = taken_by_pose(alignment.H, told.mixed)
+        if taken is None:
             return
         scale = 1 / alignment.sigma_px**2
         information = max(told.curvature - float(told.mixed @ taken), 0.0) * scale
@@ -231,3 +230,23 @@ class Changes:
         self._age += period
         self._mean = self._mean + change * max(period / SETTLING_S, period / (period + self._age))
         return change
+
+
+def taken_by_pose(
+    H: NDArray[np.float64], pushed: NDArray[np.float64]
+) -> NDArray[np.float64] | None:
+    """Say by how much a pose would follow where misfits push it.
+
+    Parameters
+    ----------
+    H : ndarray of float64, shape (6, 6)
+        Of the registration; see ``Alignment``.
+    pushed : ndarray of float64, shape (6,)
+
+    Returns
+    -------
+    ndarray of float64, shape (6,), or None
+        None where edges and depth do not constrain the pose.
+    """
+    taken = np.empty(6)
+    return taken if kernels.solve_damped(H, -pushed, 0.0, taken) else None

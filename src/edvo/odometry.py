@@ -752,6 +752,7 @@ class Odometry:
         """Leave the state as it was, so that the next frame tries again from the keyframe."""
         log = logger.debug if self._losses else logger.warning
         log("frame %d lost: %s", self._count, reason)
+        self._instants.interrupt()
         if not self._losses and self.config.keyframes.stored:
             self._store_last_good()
         self._losses += 1

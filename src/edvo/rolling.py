@@ -35,7 +35,8 @@ class RollingShutter:
 
     def __init__(self, camera: Camera, solver: kernels.Solver, rule: str) -> None:
         self._pinhole, self._solver = camera_of(camera), solver
-        self._is_measured = rule == "measured"
+        # distances have no sign that a velocity could change
+        self._is_measured = rule == "measured" and solver.residual == kernels.SIGNED
         self._readout = Estimate(EXPECTED_S)
         self.forget()
 

@@ -1,0 +1,183 @@
+"""A frame's parts put together at one instant, and a keyframe's once more is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from edvo import se3
+from edvo.clock import no_clock
+from edvo.config import Config
+from edvo.edges import depth_at_edges
+from edvo.front_end import FrontEnd
+from edvo.instants import Instants
+from edvo.odometry import Odometry, Status
+from edvo.planes import PlaneFitter, move_points
+from edvo.registration import AT_ONCE, Registration
+
+from . import problems
+
+CAMERA = problems.CAMERA
+CONFIG = Config()
+PERIOD = 1 / 30
+VELOCITY = np.array([0.4, -0.3, 0.5, 0.3, -0.5, 0.4])
+DELAY, READOUT = -0.012, 0.02
+
+
+def know(instants, delay=DELAY, readout=READOUT):
+    """Let it have measured so much for certain."""
+    for estimate, seconds in (
+        (instants.depth._beyond, delay),
+        (instants.rolling._readout, readout),
+    ):
+        estimate.note(1e12, 1e12 * seconds, PERIOD)
+
+
+class Problem:
+    """A frame, and the keyframe made of it before anything is known."""
+
+    def __init__(self):
+        registration = Registration(CAMERA, CONFIG.matching, CONFIG.registration)
+        self.fitter = PlaneFitter(CAMERA, CONFIG.planes)
+        self.instants = Instants(CAMERA, CONFIG, registration, self.fitter)
+        front_end = FrontEnd(CAMERA, CONFIG, registration, self.fitter, no_clock)
+        self.frame = problems.sequence()[0][0]
+        self.seen = front_end.see(self.frame, 0)
+        self.edges = self.seen.edges.describe(CAMERA)
+        self.keyframe = front_end.keyframe(self.seen, 7, np.eye(4), 0, self.edges)
+
+    def hold(self, velocity=None):
+        self.instants.hold(self.keyframe, self.seen, self.edges, velocity)
+
+
+@pytest.fixture
+def problem():
+    return Problem()
+
+
+def same(a, b):
+    return all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
+
+
+def test_a_keyframe_is_moved_once_its_velocity_is_known(problem):
+    instants, keyframe = problem.instants, problem.keyframe
+    problem.hold()
+    assert instants.renewed(keyframe, VELOCITY) is None  # taken at once, for all that is known
+    know(instants)
+    problem.hold()
+    changed = instants.renewed(keyframe, VELOCITY)
+    T_cam_depth = instants.depth.motion(VELOCITY, problem.frame)
+    assert same(changed.planes, problem.fitter.planes(problem.frame.depth, T_cam_depth))
+    assert not same(changed.planes, keyframe.planes)
+    depths = depth_at_edges(problem.frame.depth, problem.seen.edges.index, CONFIG.edges)
+    edges = instants.rolling.unrolled(problem.edges, VELOCITY, depths)
+    np.testing.assert_array_equal(changed.edges.edges.pixels, edges.pixels)
+    assert abs(changed.edges.edges.pixels - keyframe.edges.edges.pixels).max() > 1
+    assert changed.chamfer is not keyframe.chamfer
+    assert (changed.index, changed.timestamp) == (keyframe.index, keyframe.timestamp)
+    assert instants.renewed(changed, -VELOCITY) is None  # as good as before: its own is known
+
+
+def test_it_is_moved_again_where_more_is_known(problem):
+    problem.hold(VELOCITY)
+    assert problem.instants.renewed(problem.keyframe, VELOCITY) is None
+    know(problem.instants, delay=0.0)
+    rolled = problem.instants.renewed(problem.keyframe, VELOCITY)
+    assert rolled.planes is problem.keyframe.planes
+    assert rolled.edges is not problem.keyframe.edges
+    know(problem.instants)
+    moved = problem.instants.renewed(rolled, VELOCITY)
+    assert moved.planes is not rolled.planes
+    assert moved.edges is rolled.edges
+    assert problem.instants.renewed(moved, VELOCITY) is None
+
+
+def test_only_the_keyframe_that_is_held_is_moved(problem):
+    know(problem.instants)
+    assert problem.instants.renewed(problem.keyframe, VELOCITY) is None
+    problem.hold()
+    assert problem.instants.renewed(Problem().keyframe, VELOCITY) is None
+    changed = problem.instants.renewed(problem.keyframe, VELOCITY)
+    assert changed is not None
+    assert problem.instants.renewed(problem.keyframe, VELOCITY) is None  # no longer it
+
+
+def test_nothing_is_known_after_forgetting(problem):
+    instants = problem.instants
+    know(instants)
+    problem.hold()
+    instants.forget()
+    assert instants.depth.seconds == instants.rolling.seconds == 0.0
+    know(instants)
+    assert instants.renewed(problem.keyframe, VELOCITY) is None
+
+
+def test_samples_and_points_are_moved_to_the_instant_of_the_image(problem):
+    instants, seen = problem.instants, problem.seen
+    T_last_cur = se3.exp(VELOCITY * PERIOD)
+    same_as_before = instants.settled(seen, T_last_cur, PERIOD)
+    assert same_as_before.samples is seen.samples
+    assert same_as_before.points is seen.points
+    know(instants)
+    settled = instants.settled(seen, T_last_cur, PERIOD)
+    samples = instants.rolling.unrolled(seen.samples, VELOCITY)
+    np.testing.assert_allclose(settled.samples.pixels, samples.pixels, atol=1e-3)
+    np.testing.assert_allclose(settled.samples.depths, samples.depths, rtol=1e-5)
+    assert abs(samples.pixels - seen.samples.pixels).max() > 1
+    T_cam_depth = instants.depth.motion(VELOCITY, problem.frame)
+    np.testing.assert_allclose(settled.T_cam_depth, T_cam_depth, atol=1e-12)
+    np.testing.assert_allclose(
+        settled.points.X, move_points(seen.points, T_cam_depth).X, atol=1e-12
+    )
+    # what it has been moved by before is taken back
+    again = instants.depth.settled(settled, -VELOCITY)
+    np.testing.assert_allclose(
+        again.points.X, instants.depth.settled(seen, -VELOCITY).points.X, atol=1e-12
+    )
+
+
+def test_a_registration_is_told_of_both(problem):
+    T_last = se3.exp(VELOCITY)
+    assert problem.instants.lag(problem.seen, T_last, PERIOD) is AT_ONCE
+    know(problem.instants, delay=0.0)
+    rows = problem.instants.lag(problem.seen, T_last, PERIOD)
+    assert rows.share == 0.0
+    assert rows.T_ref_last is T_last
+    np.testing.assert_allclose(
+        rows.rows, problem.instants.rolling.rows(problem.seen.samples.pixels) / PERIOD
+    )
+    problem.instants.forget()
+    know(problem.instants)
+    both = problem.instants.lag(problem.seen, T_last, PERIOD)
+    assert both.share == pytest.approx(DELAY / PERIOD, rel=1e-5)
+    assert both.rows.size == len(problem.seen.samples)
+
+
+# ------------------------------------------------------------------------------------- odometry
+
+
+def test_a_lost_frame_interrupts():
+    frames, _ = problems.sequence()
+    odometry = Odometry(CAMERA)
+    for frame in frames[:4]:
+        odometry.track(frame)
+    moments = odometry._instants._moments
+    assert moments._last is not None
+    odometry.skip(frames[4].timestamp, "broken")
+    assert moments._last is None
+
+
+@pytest.mark.parametrize("stray", [1 / 30, 0.0333, 0.0315], ids=["equal", "jitter", "2 ms"])
+def test_a_stray_stamp_is_got_over(stray):
+    """All that was measured times a speed that never was."""
+    frames, poses = problems.sequence()
+    odometry = Odometry(CAMERA)
+    for k, frame in enumerate(frames[:20]):
+        know(odometry._instants, delay=0.02, readout=-0.02)
+        stamp = frame.timestamp - (stray if k in (8, 9) else 0.0)
+        result = odometry.track(replace(frame, timestamp=stamp))
+        assert np.isfinite(result.T_world_cam).all()
+        if k == 9:
+            odometry._instants.forget()
+    assert result.status is not Status.LOST
+    assert problems.error(poses[19], result.T_world_cam)[0] < 0.02

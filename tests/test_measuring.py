@@ -1,0 +1,168 @@
+"""What is measured of a camera while it is tracked: known answers, and what is refused."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from edvo import se3
+from edvo.measuring import (
+    LONGEST_S,
+    MEMORY_S,
+    SETTLING_S,
+    SHARED,
+    Changes,
+    Estimate,
+    Moments,
+    taken_by_pose,
+)
+
+EXPECTED = 0.01
+AS_THE_PRIOR = SHARED / EXPECTED**2  # information
+CERTAIN = 1e6 * AS_THE_PRIOR
+TWIST = np.array([0.3, -0.2, 0.1, 0.4, -0.5, 0.6])
+PERIOD = 1 / 30
+
+
+# -------------------------------------------------------------------------------------- estimate
+
+
+def noted(*measurements):
+    estimate = Estimate(EXPECTED)
+    for information, value, seconds in measurements:
+        estimate.note(information, information * value, seconds)
+    return estimate
+
+
+def test_a_number_is_weighed_against_its_prior():
+    assert Estimate(EXPECTED).value == 0.0
+    assert noted((AS_THE_PRIOR, 0.02, PERIOD)).value == pytest.approx(0.01)
+    assert noted((CERTAIN, 0.02, PERIOD)).value == pytest.approx(0.02, rel=1e-5)
+    both = noted((CERTAIN, 0.01, 0.0), (3 * CERTAIN, 0.02, 0.0))
+    assert both.value == pytest.approx(0.0175, rel=1e-5)
+    both.forget()
+    assert both.value == 0.0
+
+
+@pytest.mark.parametrize("value", [0.04, -0.04, math.nan, math.inf])
+def test_what_contradicts_is_refused(value):
+    assert noted((CERTAIN, value, PERIOD)).value == 0.0
+    known = noted((CERTAIN, 0.005, PERIOD), (CERTAIN, value, 0.0))
+    assert known.value == pytest.approx(0.005, rel=1e-5)
+
+
+def test_a_measurement_that_says_nothing_is_not_refused_for_being_far_off():
+    vague = noted((1e-4 * AS_THE_PRIOR, 1.0, PERIOD))
+    assert vague.value == pytest.approx(1e-4, rel=1e-3)
+
+
+def test_what_was_measured_long_ago_fades():
+    estimate = noted((CERTAIN, 0.01, PERIOD), (CERTAIN, 0.02, MEMORY_S))
+    old = math.exp(-1)
+    assert estimate.value == pytest.approx((0.01 * old + 0.02) / (old + 1), rel=1e-5)
+
+
+# --------------------------------------------------------------------------------------- moments
+
+
+def follow(poses, periods, keyframes=None):
+    """The moments that frames give."""
+    moments, keyframe = Moments(), object()
+    keyframes = keyframes or [keyframe] * len(poses)
+    return [
+        moments.note(key, f"frame {k}", SimpleNamespace(T_ref_cur=T), period)
+        for k, (key, T, period) in enumerate(zip(keyframes, poses, periods, strict=True))
+    ]
+
+
+def at(*seconds):
+    start = se3.exp([0.5, 0.1, -0.2, 0.3, 0.2, -0.1])
+    return [start @ se3.exp(TWIST * t) for t in seconds]
+
+
+def test_each_frame_gets_a_velocity_once_the_next_one_is_there():
+    first, second, *moments = follow(at(0.0, 0.03, 0.08, 0.1), (0.03, 0.03, 0.05, 0.02))
+    assert first is second is None
+    for k, (moment, period) in enumerate(zip(moments, (0.03, 0.05), strict=True)):
+        assert moment.seen == f"frame {k + 1}"
+        assert moment.period == period
+        np.testing.assert_allclose(moment.expected, TWIST, atol=1e-9)
+        np.testing.assert_allclose(moment.velocity, TWIST, atol=1e-9)
+
+
+def test_the_velocity_is_that_of_both_steps_in_the_frame_between_them():
+    before, here = np.eye(4), se3.exp([0.05, 0.0, 0.0, 0.0, 0.0, 0.0])
+    after = here @ se3.exp([0.0, 0.0, 0.0, 0.0, 0.2, 0.0])
+    *_, moment = follow((before, here, after), (0.03, 0.03, 0.05))
+    motion = after @ se3.inverse(before)  # of the camera, by the keyframe's axes
+    expected = se3.inverse(here) @ motion @ here
+    np.testing.assert_allclose(se3.exp(moment.velocity * 0.08), expected, atol=1e-12)
+    np.testing.assert_allclose(moment.expected, [0.05 / 0.03, 0, 0, 0, 0, 0], atol=1e-12)
+
+
+def test_a_wrong_pose_does_not_change_its_own_velocity():
+    before, here, after = at(0.0, PERIOD, 2 * PERIOD)
+    wrong = here @ se3.exp([0.005, -0.004, 0.003, 0.004, 0.005, -0.003])
+    *_, moment = follow((before, wrong, after), [PERIOD] * 3)
+    np.testing.assert_allclose(moment.velocity, TWIST, atol=0.01)
+    assert abs(moment.expected - TWIST).max() > 0.1
+
+
+@pytest.mark.parametrize("what", ["keyframe", "pause"])
+def test_a_velocity_is_that_of_frames_that_follow_one_another(what):
+    periods, keyframes = [PERIOD] * 6, ["first"] * 6
+    if what == "pause":
+        periods[3] = 1.01 * LONGEST_S
+    else:
+        keyframes[3:] = ["second"] * 3
+    moments = follow(at(*np.cumsum(periods)), periods, keyframes)
+    assert [moment is None for moment in moments] == [True, True, False, True, True, False]
+    assert moments[-1].seen == "frame 4"
+    np.testing.assert_allclose(moments[-1].velocity, TWIST, atol=1e-9)
+
+
+def test_an_interruption_begins_anew():
+    moments, keyframe = Moments(), object()
+    found = []
+    for k, T in enumerate(at(*np.arange(6) * PERIOD)):
+        if k == 3:
+            moments.interrupt()
+        found.append(moments.note(keyframe, k, SimpleNamespace(T_ref_cur=T), PERIOD))
+    assert [moment is None for moment in found] == [True, True, False, True, True, False]
+
+
+# --------------------------------------------------------------------------------------- changes
+
+
+def test_changes_are_from_the_mean_since_the_keyframe_began():
+    changes, keyframe = Changes(), object()
+    rows = [np.full((2, 6), value) for value in (0.0, 1.0, 5.0)]
+    assert changes.of(rows[0], keyframe, PERIOD) is None
+    np.testing.assert_allclose(changes.of(rows[1], keyframe, PERIOD), 1.0)
+    np.testing.assert_allclose(changes.of(rows[2], keyframe, PERIOD), 5.0 - 0.5)
+    assert changes.of(rows[2], object(), PERIOD) is None  # another's misfits are others
+
+
+def test_a_misfit_that_stays_is_no_change_after_a_while():
+    changes, keyframe = Changes(), object()
+    steps = round(SETTLING_S / PERIOD)
+    for _ in range(3 * steps):
+        changes.of(np.zeros((1, 6)), keyframe, PERIOD)
+    left = [changes.of(np.ones((1, 6)), keyframe, PERIOD)[0, 0] for _ in range(2 * steps)]
+    assert left[0] == 1.0
+    assert left[steps] == pytest.approx(math.exp(-1), rel=0.05)
+    assert left[-1] < 0.15
+
+
+# ------------------------------------------------------------------------------------------ pose
+
+
+def test_a_pose_follows_what_pushes_it_where_it_is_constrained():
+    rng = np.random.default_rng(0)
+    J = rng.normal(size=(20, 6))
+    pushed = rng.normal(size=6)
+    np.testing.assert_allclose(J.T @ J @ taken_by_pose(J.T @ J, pushed), pushed, atol=1e-9)
+    J[:, 1] = 0.0
+    assert taken_by_pose(J.T @ J, pushed) is None
+    assert taken_by_pose(np.full((6, 6), np.nan), pushed) is None
