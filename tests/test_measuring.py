@@ -37,12 +37,19 @@ def noted(*measurements):
 
 def test_a_number_is_weighed_against_its_prior():
     assert Estimate(EXPECTED).value == 0.0
-    assert noted((AS_THE_PRIOR, 0.02, PERIOD)).value == pytest.approx(0.01)
+    assert noted((AS_THE_PRIOR, 0.02, PERIOD)).likely == pytest.approx(0.01)
     assert noted((CERTAIN, 0.02, PERIOD)).value == pytest.approx(0.02, rel=1e-5)
     both = noted((CERTAIN, 0.01, 0.0), (3 * CERTAIN, 0.02, 0.0))
     assert both.value == pytest.approx(0.0175, rel=1e-5)
     both.forget()
     assert both.value == 0.0
+
+
+def test_a_number_counts_once_it_is_told_from_zero():
+    vague, sure = noted((AS_THE_PRIOR, 0.02, PERIOD)), noted((24 * AS_THE_PRIOR, 0.02, PERIOD))
+    assert vague.likely**2 < 4 * vague.variance
+    assert vague.value == 0.0
+    assert sure.value == sure.likely == pytest.approx(0.0192)
 
 
 @pytest.mark.parametrize("value", [0.04, -0.04, math.nan, math.inf])
@@ -54,7 +61,7 @@ def test_what_contradicts_is_refused(value):
 
 def test_a_measurement_that_says_nothing_is_not_refused_for_being_far_off():
     vague = noted((1e-4 * AS_THE_PRIOR, 1.0, PERIOD))
-    assert vague.value == pytest.approx(1e-4, rel=1e-3)
+    assert vague.likely == pytest.approx(1e-4, rel=1e-3)
 
 
 def test_what_was_measured_long_ago_fades():

@@ -25,9 +25,9 @@ EXPECTED_S = 0.01  # how large a delay is beyond the stamps, before anything is 
 LARGEST_S = 0.05  # stamps further apart are those of two clocks
 LEAST_S = 5e-4  # that matters
 LEAST = 2e-4  # m and rad: a tenth of a pixel
-# Of the time since the last frame. Older, depth lies nearer to the last frame than to its image:
-# what that one was off by would come back larger, with its sign turned, from frame to frame. The
-# velocity that was expected errs less from here on: (1 + share)^2 < -share.
+# Of the time since the last frame. Older, depth lies nearer to the last frame than to its image, and
+# what that one was off by would come back larger, with its sign turned, from frame to frame. What
+# is beyond moves at the velocity that was expected, which errs less there: (1 + share)^2 < -share.
 LEAST_SHARE = -0.38
 
 
@@ -101,16 +101,14 @@ class DepthDelay:
         Returns
         -------
         Lag
-            At once where depth is best left where it was expected.
         """
         delay = self._of(seen.frame)
         if abs(delay) < LEAST_S:
             return AT_ONCE
         share = delay / period
-        if share < LEAST_SHARE:
-            return AT_ONCE
-        T = np.eye(4) if seen.T_cam_depth is None else se3.inverse(seen.T_cam_depth)
-        return Lag(share, T_key_last, T, AT_ONCE.rows)
+        follows = max(share, LEAST_SHARE)
+        expected = np.zeros(6) if seen.T_cam_depth is None else se3.log(seen.T_cam_depth)
+        return Lag(follows, T_key_last, se3.exp(-expected * follows / share), AT_ONCE.rows)
 
     def share(self, frame: Frame, period: float) -> float:
         """When depth was taken after its image, over the time since the last frame."""
