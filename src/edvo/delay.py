@@ -25,9 +25,9 @@ EXPECTED_S = 0.01  # how large a delay is beyond the stamps, before anything is 
 LARGEST_S = 0.05  # stamps further apart are those of two clocks
 LEAST_S = 5e-4  # that matters
 LEAST = 2e-4  # m and rad: a tenth of a pixel
-# Of the time since the last frame. Older, depth lies nearer to the last frame than to its image, and
-# what that one was off by would come back larger, with its sign turned, from frame to frame. What
-# is beyond moves at the velocity that was expected, which errs less there: (1 + share)^2 < -share.
+# Of the time since the last frame. Older, depth lies nearer to the last frame than to its image,
+# and what that one was off by would come back larger, with its sign turned, from frame to frame.
+# What is beyond moves at the velocity that was expected, which errs less: (1 + share)^2 < -share.
 LEAST_SHARE = -0.38
 
 
