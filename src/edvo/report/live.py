@@ -14,7 +14,7 @@ from edvo.datasets.devices.device import Device
 from edvo.datasets.source import Reading, describe_timing
 from edvo.errors import EdvoError
 from edvo.live import Latest
-from edvo.report.tracking import FrameRecord, Run, Tracker, track_reading
+from edvo.report.tracking import FrameRecord, Run, Tracker, measured_by, track_reading
 from edvo.trajectory import Trajectory
 
 
@@ -121,4 +121,5 @@ def track_device(
     finally:
         device.close()
     wall_s = time.perf_counter() - begin
-    return Run(seen, records, len(records), wall_s, dropped), failure
+    measured = measured_by(tracker)
+    return Run(seen, records, len(records), wall_s, dropped, measured), failure

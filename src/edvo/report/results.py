@@ -173,6 +173,7 @@ def summarise(run: Run, config: Config, evaluation: Evaluation | None = None) ->
             "keyframes": sum(record.is_keyframe for record in run.frames),
         },
         "coverage": (tracked + degraded) / len(run.frames) if run.frames else 0.0,
+        "measured": dict(run.measured),
         "interrupted": run.interrupted,
         "problems": run.problems,
         "wall_s": run.wall_s,

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -13,7 +13,7 @@ from edvo.clock import StageClock
 from edvo.datasets import Reading, Source, read_ahead
 from edvo.errors import DatasetError, FrameError
 from edvo.frame import Frame
-from edvo.odometry import Status, TrackedFrame
+from edvo.odometry import Odometry, Status, TrackedFrame
 from edvo.registration import Alignment
 from edvo.trajectory import Trajectory
 
@@ -149,6 +149,8 @@ class Run:
         Wall time of the whole loop, decoding included, seconds.
     dropped : int
         Frames of a camera that there was no time for; they are not among `frames`.
+    measured : mapping of str to float
+        What the tracker has measured of the camera, by name, with the unit.
     """
 
     source: Source
@@ -156,6 +158,7 @@ class Run:
     wanted: int
     wall_s: float
     dropped: int = 0
+    measured: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def interrupted(self) -> bool:
@@ -332,7 +335,27 @@ def track_together(
             if on_frame is not None:
                 on_frame([records[-1] for records in frames])
     wall_s = time.perf_counter() - begin
-    return [Run(source, records, len(wanted), wall_s) for records in frames]
+    return [
+        Run(source, records, len(wanted), wall_s, measured=measured_by(tracker))
+        for tracker, records in zip(trackers, frames, strict=True)
+    ]
+
+
+def measured_by(tracker: Tracker) -> dict[str, float]:
+    """Say what a tracker has measured of its camera.
+
+    Parameters
+    ----------
+    tracker : Tracker
+
+    Returns
+    -------
+    dict
+        By name, with the unit; empty if it measures nothing.
+    """
+    if not isinstance(tracker, Odometry):
+        return {}
+    return {"depth_delay_s": tracker.depth_delay, "readout_s": tracker.readout}
 
 
 def track_reading(tracker: Tracker, reading: Reading, clock: StageClock | None) -> FrameRecord:
