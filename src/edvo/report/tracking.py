@@ -353,9 +353,12 @@ def measured_by(tracker: Tracker) -> dict[str, float]:
     dict
         By name, with the unit; empty if it measures nothing.
     """
-    if not isinstance(tracker, Odometry):
+    inner: object = tracker
+    while hasattr(inner, "tracker"):  # it may be watched, or shown
+        inner = inner.tracker
+    if not isinstance(inner, Odometry):
         return {}
-    return {"depth_delay_s": tracker.depth_delay, "readout_s": tracker.readout}
+    return {"depth_delay_s": inner.depth_delay, "readout_s": inner.readout}
 
 
 def track_reading(tracker: Tracker, reading: Reading, clock: StageClock | None) -> FrameRecord:

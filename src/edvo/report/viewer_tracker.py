@@ -19,21 +19,25 @@ class Shown:
         What tracks.
     viewer : Viewer or None
         What shows; nothing where None.
+
+    Attributes
+    ----------
+    tracker : Tracker
     """
 
     def __init__(self, tracker: Tracker, viewer: "Viewer | None") -> None:
-        self._tracker, self._viewer = tracker, viewer
+        self.tracker, self._viewer = tracker, viewer
         self._fresh: tuple[Frame | None, TrackedFrame] | None = None
 
     def track(self, frame: Frame) -> TrackedFrame:
         """Give the pose of a frame; it is shown later, outside of its time."""
-        result = self._tracker.track(frame)
+        result = self.tracker.track(frame)
         self._fresh = frame, result
         return result
 
     def skip(self, timestamp: float, reason: str) -> TrackedFrame:
         """Take note of a frame that could not be read."""
-        result = self._tracker.skip(timestamp, reason)
+        result = self.tracker.skip(timestamp, reason)
         self._fresh = None, result
         return result
 

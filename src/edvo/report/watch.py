@@ -34,6 +34,10 @@ class Watch:
     edge_map : EdgeMap, optional
         Gets each keyframe.
 
+    Attributes
+    ----------
+    tracker : Tracker
+
     Notes
     -----
     At most 16 frames with their keyframes are held at a time.
@@ -47,7 +51,7 @@ class Watch:
         keep_sights: bool = True,
         edge_map: EdgeMap | None = None,
     ) -> None:
-        self._tracker = tracker
+        self.tracker = tracker
         self._span = max(1, -(-frames // SPANS))
         self._keep_sights = keep_sights
         self._map = edge_map
@@ -59,7 +63,7 @@ class Watch:
 
     def track(self, frame: Frame) -> TrackedFrame:
         """Give the pose of a frame; what is kept of it is decided later, outside of its time."""
-        result = self._tracker.track(frame)
+        result = self.tracker.track(frame)
         # After a recovery it may be an older one, which is not held.
         index, keyframe = self._keyframe or (-1, None)
         self._fresh = Sight(frame, result, keyframe if result.keyframe == index else None)
@@ -69,7 +73,7 @@ class Watch:
 
     def skip(self, timestamp: float, reason: str) -> TrackedFrame:
         """Take note of a frame that could not be read."""
-        return self._tracker.skip(timestamp, reason)
+        return self.tracker.skip(timestamp, reason)
 
     def after(self, record: FrameRecord) -> None:
         """Decide what to keep of the last frame.
