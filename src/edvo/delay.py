@@ -111,11 +111,32 @@ class DepthDelay:
         return Lag(follows, T_key_last, se3.exp(-expected * follows / share), AT_ONCE.rows)
 
     def share(self, frame: Frame, period: float) -> float:
-        """When depth was taken after its image, over the time since the last frame."""
+        """Say when depth was taken after its image.
+
+        Parameters
+        ----------
+        frame : Frame
+        period : float
+            Seconds since the last frame.
+
+        Returns
+        -------
+        float
+            As a share of these.
+        """
         return self._of(frame) / period
 
     def matters(self, seen: Seen) -> bool:
-        """Whether depth was not taken at the instant of its image."""
+        """Say whether depth was not taken at the instant of its image.
+
+        Parameters
+        ----------
+        seen : Seen
+
+        Returns
+        -------
+        bool
+        """
         return seen.T_cam_depth is not None or abs(self._of(seen.frame)) >= LEAST_S
 
     def settled(self, seen: Seen, velocity: NDArray[np.float64]) -> Seen:
@@ -140,7 +161,17 @@ class DepthDelay:
         return replace(seen, points=points, T_cam_depth=T_cam_depth)
 
     def is_known(self, sigma: float) -> bool:
-        """Whether it is as certain as that (one sigma, seconds), or not asked for."""
+        """Say whether it is certain, or not asked for.
+
+        Parameters
+        ----------
+        sigma : float
+            How certain, seconds (one sigma).
+
+        Returns
+        -------
+        bool
+        """
         return not self._is_measured or self._beyond.variance < sigma * sigma
 
     def learn(self, moment: Moment) -> None:

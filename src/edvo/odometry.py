@@ -693,13 +693,8 @@ class Odometry:
     def _remember(self, seen: Seen) -> None:
         """Keep the depth of a frame whose pose is known, to tell later what has moved."""
         if self._leaves_out:
-            timestamp = seen.frame.timestamp
-            T = (
-                self._T_world_last
-                if seen.T_cam_depth is None
-                else self._T_world_last @ seen.T_cam_depth
-            )
-            self._background.remember(timestamp, T, seen.frame.depth)
+            T_world_depth = _of_depth(seen, self._T_world_last)
+            self._background.remember(seen.frame.timestamp, T_world_depth, seen.frame.depth)
 
     def _covariance(self, key: Keyframe, seen: Seen, alignment: Alignment) -> NDArray[np.float64]:
         """Of the motion found."""
@@ -897,15 +892,13 @@ class Odometry:
     def _conflict(
         self, seen: Seen, alignment: Alignment
     ) -> tuple[float, NDArray[np.float64], Surface]:
-        """How much of a frame contradicts a pose; the pose in the world, and what was asked."""
+        """How much of a frame contradicts a pose; that of its depth, and what was asked."""
         assert self._keyframe is not None
         timestamp = seen.frame.timestamp
-        T_world_cam = self._keyframe.T_world_key @ alignment.T_ref_cur
+        T = _of_depth(seen, self._keyframe.T_world_key @ alignment.T_ref_cur)
         self._witness.forget(timestamp)  # what it was told of this frame by another pose
         surface = self._witness.surface(seen.frame.depth)
-        if seen.T_cam_depth is not None:
-            T_world_cam = T_world_cam @ seen.T_cam_depth
-        return self._witness.question(timestamp, T_world_cam, surface), T_world_cam, surface
+        return self._witness.question(timestamp, T, surface), T, surface
 
     def _is_doubtful(self, timestamp: float) -> bool:
         """Whether something of late makes a pose no better than the way that led to it."""
@@ -926,6 +919,11 @@ class Odometry:
         assert self._keyframe is not None
         T_world_cur = self._keyframe.T_world_key @ T_key_cur
         return se3.inverse(self._anchor[1]) @ T_world_cur, self._unseen(timestamp)
+
+
+def _of_depth(seen: Seen, T_world_cam: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Where the camera was as the depth was taken that belongs to an image taken there."""
+    return T_world_cam if seen.T_cam_depth is None else T_world_cam @ seen.T_cam_depth
 
 
 def _checked(T: NDArray[np.float64]) -> NDArray[np.float64]:

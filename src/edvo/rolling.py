@@ -96,7 +96,17 @@ class RollingShutter:
         return unroll(edges, rows, velocity, self._pinhole, depths)
 
     def is_known(self, sigma: float) -> bool:
-        """Whether it is as certain as that (one sigma, seconds), or not asked for."""
+        """Say whether it is certain, or not asked for.
+
+        Parameters
+        ----------
+        sigma : float
+            How certain, seconds (one sigma).
+
+        Returns
+        -------
+        bool
+        """
         return not self._is_measured or self._readout.variance < sigma * sigma
 
     def learn(self, moment: Moment) -> None:
