@@ -846,22 +846,23 @@ def scan_window(
     last_row, last_col = min(last_row, grid.rows - 1), min(last_col, grid.cols - 1)
     if last_col < first_col:
         return best_i, best, second
-    square = reach * reach
+    square, bar = reach * reach, best
     points = grid.points
     for row in range(first_row, last_row + 1):
         base = row * grid.cols
         for i in range(grid.start[base + first_col], grid.start[base + last_col + 1]):
             du, dv = points[i, 0] - u, points[i, 1] - v
-            cost = du * du + dv * dv
-            if cost <= square:
-                dot = points[i, 2] * gu + points[i, 3] * gv
-                if dot >= criterion.min_dot:
-                    cost += criterion.direction * (dot - 1.0) * (dot - 1.0)
-                    if cost < best:
-                        second = min(best, second)
-                        best_i, best = i, cost
-                    elif cost < second:
-                        second = cost
+            distance = du * du + dv * dv
+            dot = points[i, 2] * gu + points[i, 3] * gv
+            cost = distance + criterion.direction * (dot - 1.0) * (dot - 1.0)
+            # most fail here, which a processor foresees, while half of them are outside the circle
+            if cost < bar and distance <= square and dot >= criterion.min_dot:
+                if cost < best:
+                    second = min(best, second)
+                    best_i, best = i, cost
+                else:
+                    second = cost
+                bar = max(best, second)
     return best_i, best, second
 
 
