@@ -66,6 +66,7 @@ def compiled_with(**options: Any) -> Callable[[Function], Function]:
 
 
 compiled = compiled_with()
+lean = compiled_with(_nrt=False)
 
 
 class Grid(NamedTuple):
@@ -815,7 +816,7 @@ def build_grid(pixels: F32, gradients: F32, cell: float) -> Grid:
     return Grid(points, order, start, rows, cols, float(left), float(top), 1 / cell)
 
 
-@compiled
+@lean
 def match_cost(
     points: F32, i: int, u: float, v: float, gu: float, gv: float, criterion: Criterion
 ) -> float:
@@ -829,7 +830,7 @@ def match_cost(
     return distance + criterion.direction * away * away
 
 
-@compiled
+@lean
 def scan_window(
     grid: Grid, u: float, v: float, gu: float, gv: float, criterion: Criterion, reach: float
 ) -> tuple[int, float, float]:
@@ -866,7 +867,7 @@ def scan_window(
     return best_i, best, second
 
 
-@compiled
+@lean
 def nearest_in_grid(
     grid: Grid, u: float, v: float, gu: float, gv: float, criterion: Criterion, hint: int
 ) -> tuple[int, float, float]:
@@ -1331,7 +1332,7 @@ def orthonormalize(T: F64) -> None:
     T[0, 2], T[1, 2], T[2, 2] = a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
 
 
-@compiled
+@lean
 def warp_and_match(
     grid: Grid,
     points: F64,
