@@ -132,7 +132,7 @@ class MatchingConfig(Section):
         description="a match whose gradient turns by more is none; 180 rejects nothing",
     )
     cell_px: Positive = Field(
-        default=8.0, description="cell of the search grid; a matter of speed only"
+        default=4.0, description="cell of the search grid; a matter of speed only"
     )
 
 

@@ -24,9 +24,9 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 NO_MATCH = -1
 SLACK = 1e-3  # px; keeps cell bounds safe against rounding
-FIRST_REACH = 4.0  # px; window of a query that has no hint, where distance alone counts,
-WIDE_REACH = 8.0  # px; and where direction does, too: the nearest edge is then not often the best
-MARGIN = 1.0  # px; how far a window looks past what it needs, so that its answer lasts longer
+FIRST_REACH = 2.5  # px; window of a query that has no hint, where distance alone counts,
+WIDE_REACH = 5.0  # px; and where direction does, too: the nearest edge is then not often the best
+MARGIN = 0.4  # px; how far a window looks past what it needs, so that its answer lasts longer
 MIN_DEPTH = 0.05  # m; what is nearer after the warp has no usable projection
 TAN_22_5 = np.sqrt(2.0) - 1.0  # half of the angle between four directions
 PIVOT = 1e-12  # smallest Cholesky pivot, relative to the diagonal
@@ -247,7 +247,7 @@ def collect_edges(mask: NDArray[np.uint8], index: I32) -> int:
     return count
 
 
-@compiled
+@lean
 def vertex(before: float, here: float, after: float) -> float:
     """Where a Gaussian through three neighbours is highest, at most a step from the middle.
 
@@ -568,7 +568,7 @@ def match_planes(
     return count
 
 
-@compiled
+@lean
 def shift_pixel(
     u: float, v: float, z: float, camera: Pinhole, T: F64
 ) -> tuple[float, float, float]:
@@ -649,7 +649,7 @@ def depth_equations(
 # ------------------------------------------------------------------------------------- sampling
 
 
-@compiled
+@lean
 def next_random(state: NDArray[np.uint64]) -> np.uint64:
     """Splitmix64: one more number from a state of one word, which it advances."""
     state[0] += np.uint64(0x9E3779B97F4A7C15)
@@ -659,7 +659,7 @@ def next_random(state: NDArray[np.uint64]) -> np.uint64:
     return z ^ (z >> np.uint64(31))
 
 
-@compiled
+@lean
 def draw(pool: I32, first: np.int64, last: np.int64, state: NDArray[np.uint64]) -> int:
     """Move a random entry of pool[first:last] to its front and return it."""
     k = first + int(next_random(state) % np.uint64(last - first))
@@ -1065,7 +1065,7 @@ def median_scale(residuals: F64, count: int, min_sigma: float) -> float:
     return max(1.4826 * np.median(np.abs(residuals[:count])), min_sigma)
 
 
-@compiled
+@lean
 def robust_weight(square: float, weight: int, tuning: float) -> float:
     """Weight of a residual whose square, in units of the scale, is given (Zhang 1997)."""
     if weight == STUDENT_T:
@@ -1080,7 +1080,7 @@ def robust_weight(square: float, weight: int, tuning: float) -> float:
     return 1.0
 
 
-@compiled
+@lean
 def robust_cost(square: float, weight: int, tuning: float) -> float:
     """Loss rho whose derivative over the residual is weight x residual."""
     if weight == STUDENT_T:
@@ -1283,7 +1283,7 @@ def factorize(A: F64, damping: float, L: F64) -> bool:
     return True
 
 
-@compiled
+@lean
 def solve_lower(L: F64, x: F64) -> None:
     """Solve L y = x in place."""
     for i in range(x.size):
@@ -1293,7 +1293,7 @@ def solve_lower(L: F64, x: F64) -> None:
         x[i] = value / L[i, i]
 
 
-@compiled
+@lean
 def solve_upper(L: F64, x: F64) -> None:
     """Solve L^T y = x in place."""
     for i in range(x.size - 1, -1, -1):
@@ -1393,7 +1393,7 @@ def warp_and_match(
     return count
 
 
-@compiled
+@lean
 def write_row(au: float, av: float, aw: float, px: float, py: float, pz: float, row: F64) -> None:
     """Write the derivative [a, Y x a] of a . Y by a left perturbation [v, w] of Y's pose."""
     row[0], row[1], row[2] = au, av, aw
@@ -1402,7 +1402,7 @@ def write_row(au: float, av: float, aw: float, px: float, py: float, pz: float, 
     row[5] = px * av - py * au
 
 
-@compiled
+@lean
 def mirror_lower(M: F64) -> None:
     """Copy what is below the diagonal to above it."""
     for m in range(M.shape[0]):

@@ -178,8 +178,10 @@ def unroll(
         With the gradients that they had.
     """
     depths = edges.depths if depths is None else depths
-    known = depths[depths > 0]
-    typical = np.float32(np.median(known)) if len(known) else np.float32(np.inf)
+    typical = np.float32(np.inf)
+    if np.count_nonzero(depths) < len(depths):
+        known = depths[depths > 0]
+        typical = np.float32(np.median(known)) if len(known) else typical
     pixels, moved = np.empty_like(edges.pixels), np.empty_like(depths)
     kernels.unroll_pixels(edges.pixels, depths, typical, rows, velocity, camera, pixels, moved)
     return EdgePixels(pixels, edges.gradients, moved)
