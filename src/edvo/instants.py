@@ -36,6 +36,7 @@ class _Held:
     T_cam_depth: NDArray[np.float64] | None
     rolled: NDArray[np.float64]  # by that from the middle row to the last
     velocity: NDArray[np.float64] | None
+    known: tuple[float, float] | None = None  # delay and readout that its parts were last held to
 
 
 class Instants:
@@ -211,7 +212,10 @@ class Instants:
             return None
         if held.velocity is None:
             held.velocity = velocity
-        changed = keyframe
+        known = self.depth.seconds, self.rolling.seconds
+        if held.known == known:
+            return None
+        changed, held.known = keyframe, known
         T_cam_depth = self.depth.motion(held.velocity, held.frame)
         now, then = (np.eye(4) if T is None else T for T in (T_cam_depth, held.T_cam_depth))
         if np.abs(se3.log(se3.inverse(then) @ now)).max() > NEWS:

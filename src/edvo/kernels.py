@@ -755,7 +755,8 @@ def draw_samples(
         while first < last and taken < per_cell and left > 0:
             i = draw(pool, first, last, state)
             first += 1
-            found[i] = depth_at(depth, index[i] % width, index[i] // width, radius, gap)
+            v = index[i] // width
+            found[i] = depth_at(depth, index[i] - v * width, v, radius, gap)
             if found[i] > 0:
                 taken += 1
                 left -= 1
@@ -767,7 +768,8 @@ def draw_samples(
     while first < rest and left > 0:
         i = draw(pool, first, rest, state)
         first += 1
-        found[i] = depth_at(depth, index[i] % width, index[i] // width, radius, gap)
+        v = index[i] // width
+        found[i] = depth_at(depth, index[i] - v * width, v, radius, gap)
         if found[i] > 0:
             left -= 1
     filled = 0

@@ -31,7 +31,6 @@ from edvo.errors import TrajectoryError
 # Below this angle (radians) the two coefficients that cancel are summed as series of five terms,
 # whose first missing term is below 1e-14 of the sum; above it the closed forms lose two digits.
 _SMALL = 0.3
-_IDENTITY = np.eye(4)  # a copy takes a fifth of the time of making one
 
 
 def exp(xi: ArrayLike) -> NDArray[np.float64]:
@@ -120,11 +119,15 @@ def inverse(T: ArrayLike) -> NDArray[np.float64]:
     ndarray of float64, shape (4, 4)
         R^T and -R^T t.
     """
-    T = np.asarray(T, dtype=np.float64)
-    result = _IDENTITY.copy()
-    result[:3, :3] = T[:3, :3].T
-    result[:3, 3] = -(T[:3, :3].T @ T[:3, 3])
-    return result
+    (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = np.asarray(T, dtype=np.float64).tolist()
+    return np.array(  # written out: a third of the time of a product
+        [
+            [a, d, g, -(a * x + d * y + g * z)],
+            [b, e, h, -(b * x + e * y + h * z)],
+            [c, f, i, -(c * x + f * y + i * z)],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+    )
 
 
 def compose(*motions: ArrayLike) -> NDArray[np.float64]:
