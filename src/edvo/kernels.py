@@ -842,11 +842,11 @@ def scan_window(
     """
     best_i, best, second = NO_MATCH, np.inf, reach * reach
     wide = reach + SLACK
-    last_row = int(np.floor((v + wide - grid.top) * grid.inverse))
-    last_col = int(np.floor((u + wide - grid.left) * grid.inverse))
-    first_row = max(int(np.floor((v - wide - grid.top) * grid.inverse)), 0)
-    first_col = max(int(np.floor((u - wide - grid.left) * grid.inverse)), 0)
-    last_row, last_col = min(last_row, grid.rows - 1), min(last_col, grid.cols - 1)
+    # towards 0 instead of down: a window that ends before the first cell may look into it
+    last_row = min(int((v + wide - grid.top) * grid.inverse), grid.rows - 1)
+    last_col = min(int((u + wide - grid.left) * grid.inverse), grid.cols - 1)
+    first_row = max(int((v - wide - grid.top) * grid.inverse), 0)
+    first_col = max(int((u - wide - grid.left) * grid.inverse), 0)
     if last_col < first_col:
         return best_i, best, second
     square, bar = reach * reach, best
@@ -879,8 +879,7 @@ def nearest_in_grid(
     ``hint`` is a sorted index that tells how wide (the last match), or NO_MATCH. Third comes a
     bound: no other admissible edge has a lower cost.
     """
-    extent = (grid.cols + grid.rows) / grid.inverse + abs(u - grid.left) + abs(v - grid.top)
-    limit = min(np.sqrt(criterion.limit), extent)
+    limit = np.sqrt(criterion.limit)
     reach = min(WIDE_REACH if criterion.direction > 0 else FIRST_REACH, limit)
     if hint >= 0:
         cost = match_cost(grid.points, hint, u, v, gu, gv, criterion)
@@ -889,7 +888,9 @@ def nearest_in_grid(
     while True:
         i, best, second = scan_window(grid, u, v, gu, gv, criterion, reach)
         if i < 0:
-            if reach >= limit:
+            all_of_it = (grid.cols + grid.rows) / grid.inverse
+            all_of_it += abs(u - grid.left) + abs(v - grid.top)
+            if reach >= min(limit, all_of_it):
                 return NO_MATCH, np.inf, second
             reach = min(reach * 3, limit)
         else:
