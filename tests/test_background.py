@@ -1,6 +1,8 @@
 """What stands still is told from what moves by itself, and followed."""
 
 import math
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ from benchmarks import crowd
 from numpy.typing import NDArray
 
 from edvo import kernels, se3
-from edvo.background import AGES_S, APART_S, Background
+from edvo.background import AGES_S, APART_S, Background, Still
 from edvo.config import Config
 from edvo.datasets.readahead import read_ahead
 from edvo.edges import EdgePixels
@@ -123,6 +125,56 @@ def test_where_it_is_mistaken_and_nothing_moves_poses_stay_right() -> None:
         away = np.linalg.norm((true - source.recipe.motion.at(result.timestamp))[:3, 3])
         assert away < 0.005
         assert result.status is (Status.DEGRADED if reading.index >= 6 else Status.TRACKED)
+
+
+@pytest.mark.parametrize(
+    ("stride", "bound", "is_followed"), [(1, 0.0, True), (3, 0.0, False), (3, 5.0, True)]
+)
+def test_less_than_half_is_not_followed_where_depth_is_out_of_step(
+    monkeypatch: pytest.MonkeyPatch, stride: int, bound: float, is_followed: bool
+) -> None:
+    source = SyntheticSource(make_recipe("office", frames=9, seed=3))
+    odometry = Odometry(source.camera)
+    aside = se3.exp(np.array([0.05, 0, 0, 0, 0, 0]))
+    register = odometry._background.register
+
+    def astray(*given: Any) -> Still | None:
+        still = register(*given)
+        assert still is not None
+        seen = replace(still.seen, samples=given[1].samples.every(stride))
+        there = replace(still.alignment, T_ref_cur=still.alignment.T_ref_cur @ aside)
+        return replace(still, seen=seen, alignment=there)
+
+    monkeypatch.setattr(odometry._background, "register", astray)
+    monkeypatch.setattr("edvo.odometry.OUT_OF_STEP", bound)
+    for reading in read_ahead(source, range(9)):
+        assert reading.frame is not None
+        if reading.index == 8:
+            odometry._moving_time = odometry._doubt_time = reading.frame.timestamp - 1e-3
+        result = odometry.track(reading.frame)
+    true = source.recipe.motion.at(0.0) @ result.T_world_cam
+    away = np.linalg.norm((true - source.recipe.motion.at(result.timestamp))[:3, 3])
+    assert result.status is Status.DEGRADED
+    assert (away > 0.04) if is_followed else (away < 0.005)
+
+
+@pytest.mark.parametrize(("bound", "goes_back"), [(0.0, False), (5.0, True)])
+def test_a_frame_whose_depth_is_out_of_step_is_not_registered_anew(
+    monkeypatch: pytest.MonkeyPatch, bound: float, goes_back: bool
+) -> None:
+    source = SyntheticSource(make_recipe("office", frames=9, seed=3))
+    odometry = Odometry(source.camera)
+    called: list[int] = []
+    monkeypatch.setattr(odometry, "_go_back", lambda seen: called.append(seen.frame.timestamp))
+    monkeypatch.setattr("edvo.odometry.OUT_OF_STEP", bound)
+    for reading in read_ahead(source, range(9)):
+        assert reading.frame is not None
+        if reading.index == 8:
+            monkeypatch.setattr(odometry._witness, "question", lambda *given: 0.1)
+        result = odometry.track(reading.frame)
+    assert result.status is Status.DEGRADED
+    assert "something moves" in result.reason
+    assert bool(called) == goes_back
 
 
 def test_a_past_that_is_too_young_to_go_back_to_is_kept() -> None:

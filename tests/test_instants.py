@@ -92,6 +92,21 @@ def test_it_is_moved_again_where_more_is_known(problem):
     assert problem.instants.renewed(moved, VELOCITY) is None
 
 
+def test_parts_are_looked_at_anew_only_when_more_is_known(problem, monkeypatch):
+    instants, asked = problem.instants, []
+    motion = instants.depth.motion
+    monkeypatch.setattr(instants.depth, "motion", lambda *given: asked.append(1) or motion(*given))
+    know(instants)
+    problem.hold()
+    key = instants.renewed(problem.keyframe, VELOCITY)
+    for _ in range(3):
+        assert instants.renewed(key, VELOCITY) is None
+    assert len(asked) == 1
+    know(instants, readout=READOUT / 2)
+    assert instants.renewed(key, VELOCITY) is not None
+    assert len(asked) == 2
+
+
 def test_only_the_keyframe_that_is_held_is_moved(problem):
     know(problem.instants)
     assert problem.instants.renewed(problem.keyframe, VELOCITY) is None

@@ -1,5 +1,8 @@
 """Each compiled kernel does what its plain twin says; both times are printed (pytest -s)."""
 
+import ast
+import inspect
+import re
 import time
 
 import cv2
@@ -16,6 +19,8 @@ from edvo.matching import Criterion, EdgeIndex
 from edvo.registration import Registration
 
 from . import problems, twins
+
+SCALAR = {"np." + name for name in ("sqrt", "log", "log1p", "float64", "float32", "uint64")}
 
 LENS = problems.LENS
 
@@ -831,3 +836,25 @@ def test_judge_matches(rng):
     assert 0 < agreeing < inliers < len(packed)
     assert (inliers, agreeing) == expected[:2]
     np.testing.assert_array_equal(residuals, expected[2])
+
+
+def test_kernels_that_count_no_references_keep_to_the_rules():
+    """They make no array, return none, and call only their like: else memory is lost or freed."""
+    tree = ast.parse(inspect.getsource(kernels))
+    functions = {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef)}
+    lean = {
+        name
+        for name, node in functions.items()
+        if any(isinstance(by, ast.Name) and by.id == "lean" for by in node.decorator_list)
+    }
+    assert {"scan_window", "nearest_in_grid", "warp_and_match"} <= lean
+    for name in lean:
+        assert functions[name].returns is not None
+        returned = ast.unparse(functions[name].returns)
+        assert not re.search(r"F64|F32|I32|I16|NDArray|Matches|Grid", returned), name
+        for call in ast.walk(functions[name]):
+            if isinstance(call, ast.Call):
+                called = ast.unparse(call.func)
+                assert called in lean or called not in functions, (name, called)
+                if called.startswith("np."):
+                    assert called in SCALAR, (name, called)

@@ -36,7 +36,7 @@ def all_costs(edges, pixels, gradients, criterion):
     return np.where(out, np.inf, cost), doubtful
 
 
-def check(edges, pixels, gradients, criterion, cell_px=8.0):
+def check(edges, pixels, gradients, criterion, cell_px=4.0):
     """Assert that grid, tree and every pair agree on all queries, ties and limits aside."""
     expected = match_all_pairs(edges, pixels, gradients, criterion)
     assert expected.indices.dtype == np.int32
@@ -112,7 +112,7 @@ KINDS = ("uniform", "clustered", "row", "column", "duplicates", "lattice")
     gamma=st.sampled_from([0.0, 0.05, 0.7, 5.0]),
     max_distance=st.sampled_from([0.0, 0.4, 3.0, 30.0, 1e4, math.inf]),
     max_angle=st.sampled_from([1.0, 30.0, 90.0, 179.0, 180.0]),
-    cell=st.sampled_from([0.7, 8.0, 33.0, 2000.0]),
+    cell=st.sampled_from([0.7, 4.0, 8.0, 33.0, 2000.0]),
     reach=st.sampled_from([0.0, 1.0, 30.0, 5000.0]),
 )
 def test_all_methods_agree(seed, kind, n, gamma, max_distance, max_angle, cell, reach):

@@ -46,19 +46,6 @@ def cell_of(index, cell):
     return v // cell * -(-CAMERA.width // cell) + u // cell
 
 
-@pytest.mark.parametrize(
-    ("edges", "drawn"), [(500, 500), (3000, 1500), (12_000, 1500), (16_000, 2000), (40_000, 3000)]
-)
-def test_more_are_drawn_where_there_are_many_edges(edges, drawn):
-    mask = np.zeros((CAMERA.height, CAMERA.width), bool)
-    mask.flat[np.linspace(0, mask.size - 1, edges).astype(int)] = True
-    depth = np.ones(mask.shape, np.float32)
-    samples = draw(edge_image(mask), depth, count=1500, growth=2)
-    assert len(samples) == drawn
-    assert len(set(flat(samples).tolist())) == drawn
-    assert len(draw(edge_image(mask), depth, count=1500, growth=1)) == min(edges, 1500)
-
-
 @settings(max_examples=40)
 @given(
     scene=st.integers(0, 5),
@@ -69,7 +56,7 @@ def test_more_are_drawn_where_there_are_many_edges(edges, drawn):
 )
 def test_what_is_drawn(scene, seed, count, cell, per_cell):
     edges, depth = scattered(scene)
-    samples = draw(edges, depth, seed, count=count, growth=1, cell_px=cell, per_cell=per_cell)
+    samples = draw(edges, depth, seed, count=count, cell_px=cell, per_cell=per_cell)
     available = depth_at_edges(depth, edges.index, EDGES)
     good = edges.index[available > 0]
     drawn = flat(samples)

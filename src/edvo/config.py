@@ -100,11 +100,6 @@ class SamplingConfig(Section):
         description="N; the paper finds 400 to 500 reasonable (Fig. 6), its preset takes 450; "
         "0 takes all edges",
     )
-    growth: Annotated[float, Field(ge=1)] = Field(
-        default=2.0,
-        description="up to so many times as many are drawn from an image with so many edges that "
-        "this is no more than one in eight. Not in the paper",
-    )
     cell_px: Annotated[int, Field(ge=1)] = Field(
         default=80, description="side of a grid cell; not in the paper. 48 cells at 640 x 480"
     )
@@ -559,7 +554,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "planes": {"weight": 0.0, "alone_share": 0.0, "edge_doubt_rule": "fixed"},
         "motion": {"search_deg": 0.0, "prior_stride": 4, "depth_delay": "none", "readout": "none"},
         "keyframes": {"stored": 0},
-        "sampling": {"count": 450, "growth": 1.0},
+        "sampling": {"count": 450},
         "registration": {"weight": "t", "first_sigma_px": 0.0, "first_samples": 0},
         "status": {
             "max_conflict": 0.0,

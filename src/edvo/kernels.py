@@ -66,7 +66,10 @@ def compiled_with(**options: Any) -> Callable[[Function], Function]:
 
 
 compiled = compiled_with()
-lean = compiled_with(_nrt=False)
+# Without counting references to the arrays it is given, which costs a kernel that is called for each
+# sample some ten nanoseconds. It may neither make nor return an array, and calls only its like.
+COUNTS_NOTHING = {"_nrt": False} if hasattr(numba.core.options.DefaultOptions, "_nrt") else {}
+lean = compiled_with(**COUNTS_NOTHING)
 
 
 class Grid(NamedTuple):
@@ -842,7 +845,7 @@ def scan_window(
     """
     best_i, best, second = NO_MATCH, np.inf, reach * reach
     wide = reach + SLACK
-    # towards 0 instead of down: a window that ends before the first cell may look into it
+    # towards 0 instead of down: a window that ends before the first cell may look into it, in vain
     last_row = min(int((v + wide - grid.top) * grid.inverse), grid.rows - 1)
     last_col = min(int((u + wide - grid.left) * grid.inverse), grid.cols - 1)
     first_row = max(int((v - wide - grid.top) * grid.inverse), 0)

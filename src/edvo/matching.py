@@ -82,7 +82,7 @@ class EdgeIndex:
         Cell size of the grid; a matter of speed only.
     """
 
-    def __init__(self, edges: EdgePixels, method: Method = "grid", cell_px: float = 8.0) -> None:
+    def __init__(self, edges: EdgePixels, method: Method = "grid", cell_px: float = 4.0) -> None:
         self.edges = edges
         self.method = method
         self._grid: kernels.Grid | None = None

@@ -45,9 +45,9 @@ RECOVERY_PERIOD_S = 0.15  # then it is held against the stored keyframes no more
 # Lost for longer, by time and by frames, a frame may show any place that was seen before.
 LONG_LOST_S, LONG_LOST_FRAMES = 0.3, 3
 DOUBTFUL_S = 1.0  # after what raises doubt, a pose is no better than the way that led to it
-# Of crowds hardly ever more than 0.6 of the edges fit one motion, of a desk whose depth is out of step
-# 0.8: then less than half of the view is not all that stands still.
-ALL_BUT, MOST = 0.7, 0.5
+# So many edges fit, but depth not to so many times its noise: then it is out of step with colour,
+# and what it says stands still is nothing to go by if that is less than half of the view.
+ALL_BUT, OUT_OF_STEP, HALF = 0.7, 5.0, 0.5
 MOVED, ASTRAY = "something moved less than a second ago", "found again, lost from a doubtful pose"
 FAR_STEP = "a far step: of what both see enough fits, and nothing else does"
 NOT_ALONE = "a far step, and beside where it led the edges fit as well"
@@ -266,11 +266,12 @@ class Odometry:
 
     def _register(self, seen: Seen) -> tuple[Alignment, Status, str, Still | None]:
         """Register a frame with the keyframe: what stands still, where much moves, or all of it."""
-        moving = self._is_moving(seen.frame.timestamp)
+        timestamp = seen.frame.timestamp
+        moving = self._is_moving(timestamp)
         still = self._stand_still(seen) if moving else None
-        if still is None or _is_little(still, seen):
+        if still is None or (_is_little(still, seen) and self._follows(timestamp)):
             alignment, status, reason = self._locate(seen)
-            if still is not None and status is not Status.LOST and _is_one(alignment):
+            if status is not Status.LOST and _is_out_of_step(alignment):
                 still = None
             if status is Status.LOST and not moving:
                 still = self._stand_out(seen)
@@ -290,10 +291,9 @@ class Odometry:
         if not self.config.status.max_conflict:
             return alignment, status, reason, still
         status, reason = self._question(seen, alignment, status, reason)
-        if still is None and self._is_noticed(seen.frame.timestamp):
+        noticed = self._is_noticed(seen.frame.timestamp) and not _is_out_of_step(alignment)
+        if still is None and noticed:
             still = self._go_back(seen)
-            if still is not None and _is_little(still, seen) and _is_one(alignment):
-                still = None
             if still is not None:
                 alignment = still.alignment
                 status, reason = self._question(seen, alignment, Status.DEGRADED, MOVED)
@@ -354,7 +354,6 @@ class Odometry:
             then = self._background.last_pose()
             if then is not None:
                 starts.append(se3.inverse(self._keyframe.T_world_key) @ then)
-            seen = self._expected(seen)
             still = self._background.register(self._keyframe, seen, starts, self._cruise)
         if still is None:
             return None
@@ -854,13 +853,6 @@ class Odometry:
         T_last_cur = se3.inverse(self._T_key_last) @ alignment.T_ref_cur
         return self._instants.settled(seen, T_last_cur, self._period(timestamp))
 
-    def _expected(self, seen: Seen) -> Seen:
-        """Move rows by what the camera is expected to move by, as depth has been."""
-        timestamp = seen.frame.timestamp
-        if not self._follows(timestamp):
-            return seen
-        return self._instants.settled(seen, self._ahead(timestamp), self._period(timestamp))
-
     def _ahead(self, timestamp: float) -> NDArray[np.float64]:
         """Motion since the last pose, at constant velocity."""
         return se3.exp(self._velocity * min(self._period(timestamp), LONGEST_PREDICTION_S))
@@ -938,12 +930,13 @@ class Odometry:
 
 def _is_little(still: Still, seen: Seen) -> bool:
     """Whether less than half of a frame is said to stand still."""
-    return len(still.seen.samples) < MOST * len(seen.samples)
+    return len(still.seen.samples) < HALF * len(seen.samples)
 
 
-def _is_one(alignment: Alignment) -> bool:
-    """Whether the edges of a frame fit as a whole, so that what moves cannot be most of it."""
-    return alignment.agreeing >= ALL_BUT * len(alignment.matches)
+def _is_out_of_step(alignment: Alignment) -> bool:
+    """Whether edges fit as a whole, but depth so badly that it cannot tell what stands still."""
+    fits = alignment.agreeing >= ALL_BUT * len(alignment.matches)
+    return fits and alignment.sigma_depth > OUT_OF_STEP
 
 
 def _of_depth(seen: Seen, T_world_cam: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -9,8 +9,6 @@ from edvo.config import EdgesConfig, SamplingConfig
 from edvo.edges import NO_TABLE, EdgeImage, EdgePixels
 from edvo.planes import camera_of
 
-SPARING = 8  # edges for each one drawn beyond N: nearer to one another they hardly tell more
-
 
 def sample_edges(
     edges: EdgeImage,
@@ -35,7 +33,6 @@ def sample_edges(
     camera : Camera
     config : SamplingConfig
         N, the size of a cell and how many each gives; N = 0 takes every edge that has depth.
-        Where there are many edges more than N are drawn: see ``SamplingConfig.growth``.
     edges_config : EdgesConfig
         How depth is taken at an edge.
     seed : int
@@ -47,10 +44,9 @@ def sample_edges(
     Returns
     -------
     EdgePixels
-        At most N, or what it has grown to, each with a depth > 0, in row order.
+        At most N, each with a depth > 0, in row order.
     """
-    wanted = max(config.count, min(len(edges) // SPARING, int(config.growth * config.count)))
-    count = min(wanted, len(edges)) if config.count else len(edges)
+    count = min(config.count, len(edges)) if config.count else len(edges)
     which = np.empty(count, np.int32)
     depths = np.empty(count, np.float32)
     drawn = kernels.draw_samples(
