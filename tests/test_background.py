@@ -158,9 +158,11 @@ def test_less_than_half_is_not_followed_where_depth_is_out_of_step(
     assert (away > 0.04) if is_followed else (away < 0.005)
 
 
-@pytest.mark.parametrize(("bound", "goes_back"), [(0.0, False), (5.0, True)])
-def test_a_frame_whose_depth_is_out_of_step_is_not_registered_anew(
-    monkeypatch: pytest.MonkeyPatch, bound: float, goes_back: bool
+@pytest.mark.parametrize(
+    ("bound", "conflict", "goes_back"), [(0.0, 0.1, False), (5.0, 0.1, True), (0.0, 0.5, True)]
+)
+def test_a_frame_whose_depth_is_out_of_step_is_registered_anew_only_if_else_lost(
+    monkeypatch: pytest.MonkeyPatch, bound: float, conflict: float, goes_back: bool
 ) -> None:
     source = SyntheticSource(make_recipe("office", frames=9, seed=3))
     odometry = Odometry(source.camera)
@@ -170,9 +172,9 @@ def test_a_frame_whose_depth_is_out_of_step_is_not_registered_anew(
     for reading in read_ahead(source, range(9)):
         assert reading.frame is not None
         if reading.index == 8:
-            monkeypatch.setattr(odometry._witness, "question", lambda *given: 0.1)
+            monkeypatch.setattr(odometry._witness, "question", lambda *given: conflict)
         result = odometry.track(reading.frame)
-    assert result.status is Status.DEGRADED
+    assert result.status is (Status.LOST if conflict > 0.3 else Status.DEGRADED)
     assert "something moves" in result.reason
     assert bool(called) == goes_back
 

@@ -291,8 +291,8 @@ class Odometry:
         if not self.config.status.max_conflict:
             return alignment, status, reason, still
         status, reason = self._question(seen, alignment, status, reason)
-        noticed = self._is_noticed(seen.frame.timestamp) and not _is_out_of_step(alignment)
-        if still is None and noticed:
+        doubted = status is Status.LOST or not _is_out_of_step(alignment)
+        if still is None and doubted and self._is_noticed(seen.frame.timestamp):
             still = self._go_back(seen)
             if still is not None:
                 alignment = still.alignment
