@@ -67,7 +67,7 @@ def compiled_with(**options: Any) -> Callable[[Function], Function]:
 
 compiled = compiled_with()
 # Without counting references to the arrays that it is given, which costs a kernel called for each
-# sample some ten nanoseconds. It may neither make nor return an array, and calls only its like.
+# sample some twenty nanoseconds. It may neither make nor return an array, and calls only its like.
 COUNTS_NOTHING = {"_nrt": False} if hasattr(numba.core.options.DefaultOptions, "_nrt") else {}
 lean = compiled_with(**COUNTS_NOTHING)
 

@@ -120,15 +120,14 @@ def inverse(T: ArrayLike) -> NDArray[np.float64]:
         R^T and -R^T t.
     """
     (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = np.asarray(T, dtype=np.float64).tolist()
-    return (
-        np.array(  # written out: the last bit of a product is the library's
-            [
-                [a, d, g, -(a * x + d * y + g * z)],
-                [b, e, h, -(b * x + e * y + h * z)],
-                [c, f, i, -(c * x + f * y + i * z)],
-                [0.0, 0.0, 0.0, 1.0],
-            ]
-        )
+    # written out: the last bit of a product is the library's
+    return np.array(
+        [
+            [a, d, g, -(a * x + d * y + g * z)],
+            [b, e, h, -(b * x + e * y + h * z)],
+            [c, f, i, -(c * x + f * y + i * z)],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
     )
 
 
