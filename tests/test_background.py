@@ -14,11 +14,13 @@ from edvo.background import AGES_S, APART_S, Background, Still
 from edvo.config import Config
 from edvo.datasets.readahead import read_ahead
 from edvo.edges import EdgePixels
+from edvo.frame import Frame
 from edvo.matching import Criterion, EdgeIndex
 from edvo.odometry import Odometry, Status
 from edvo.planes import PlaneFitter, PlaneMap, PlanePoints
 from edvo.registration import Registration
 from edvo.report.sights import look
+from edvo.search import Seen
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
 
 from . import problems, twins
@@ -127,14 +129,34 @@ def test_where_it_is_mistaken_and_nothing_moves_poses_stay_right() -> None:
         assert result.status is (Status.DEGRADED if reading.index >= 6 else Status.TRACKED)
 
 
+@pytest.fixture(scope="module")
+def office() -> tuple[SyntheticSource, list[Frame]]:
+    """Where nothing moves."""
+    source = SyntheticSource(make_recipe("office", frames=9, seed=3))
+    return source, [frame for i in range(9) if (frame := source.read(i).frame) is not None]
+
+
+def after_eight(source: SyntheticSource, frames: list[Frame], bound: float) -> Odometry:
+    """Depth that is off by more than ``bound`` times its noise is out of step."""
+    changes = [f"status.max_depth_sigma={bound}"]
+    odometry = Odometry(source.camera, Config().with_overrides(changes))
+    for frame in frames[:8]:
+        assert odometry.track(frame).status is Status.TRACKED
+    return odometry
+
+
 @pytest.mark.parametrize(
-    ("stride", "bound", "is_followed"), [(1, 0.0, True), (3, 0.0, False), (3, 5.0, True)]
+    ("stride", "bound", "is_followed"), [(1, 1e-6, True), (3, 1e-6, False), (3, 5.0, True)]
 )
 def test_less_than_half_is_not_followed_where_depth_is_out_of_step(
-    monkeypatch: pytest.MonkeyPatch, stride: int, bound: float, is_followed: bool
+    office: tuple[SyntheticSource, list[Frame]],
+    monkeypatch: pytest.MonkeyPatch,
+    stride: int,
+    bound: float,
+    is_followed: bool,
 ) -> None:
-    source = SyntheticSource(make_recipe("office", frames=9, seed=3))
-    odometry = Odometry(source.camera)
+    source, frames = office
+    odometry = after_eight(source, frames, bound)
     aside = se3.exp(np.array([0.05, 0, 0, 0, 0, 0]))
     register = odometry._background.register
 
@@ -146,12 +168,8 @@ def test_less_than_half_is_not_followed_where_depth_is_out_of_step(
         return replace(still, seen=seen, alignment=there)
 
     monkeypatch.setattr(odometry._background, "register", astray)
-    monkeypatch.setattr("edvo.odometry.OUT_OF_STEP", bound)
-    for reading in read_ahead(source, range(9)):
-        assert reading.frame is not None
-        if reading.index == 8:
-            odometry._moving_time = odometry._doubt_time = reading.frame.timestamp - 1e-3
-        result = odometry.track(reading.frame)
+    odometry._moving_time = odometry._doubt_time = frames[8].timestamp - 1e-3
+    result = odometry.track(frames[8])
     true = source.recipe.motion.at(0.0) @ result.T_world_cam
     away = np.linalg.norm((true - source.recipe.motion.at(result.timestamp))[:3, 3])
     assert result.status is Status.DEGRADED
@@ -159,21 +177,21 @@ def test_less_than_half_is_not_followed_where_depth_is_out_of_step(
 
 
 @pytest.mark.parametrize(
-    ("bound", "conflict", "goes_back"), [(0.0, 0.1, False), (5.0, 0.1, True), (0.0, 0.5, True)]
+    ("bound", "conflict", "goes_back"), [(1e-6, 0.1, False), (5.0, 0.1, True), (1e-6, 0.5, True)]
 )
 def test_a_frame_whose_depth_is_out_of_step_is_registered_anew_only_if_else_lost(
-    monkeypatch: pytest.MonkeyPatch, bound: float, conflict: float, goes_back: bool
+    office: tuple[SyntheticSource, list[Frame]],
+    monkeypatch: pytest.MonkeyPatch,
+    bound: float,
+    conflict: float,
+    goes_back: bool,
 ) -> None:
-    source = SyntheticSource(make_recipe("office", frames=9, seed=3))
-    odometry = Odometry(source.camera)
-    called: list[int] = []
-    monkeypatch.setattr(odometry, "_go_back", lambda seen: called.append(seen.frame.timestamp))
-    monkeypatch.setattr("edvo.odometry.OUT_OF_STEP", bound)
-    for reading in read_ahead(source, range(9)):
-        assert reading.frame is not None
-        if reading.index == 8:
-            monkeypatch.setattr(odometry._witness, "question", lambda *given: conflict)
-        result = odometry.track(reading.frame)
+    source, frames = office
+    odometry = after_eight(source, frames, bound)
+    called: list[Seen] = []
+    monkeypatch.setattr(odometry, "_go_back", called.append)
+    monkeypatch.setattr(odometry._witness, "question", lambda *given: conflict)
+    result = odometry.track(frames[8])
     assert result.status is (Status.LOST if conflict > 0.3 else Status.DEGRADED)
     assert "something moves" in result.reason
     assert bool(called) == goes_back

@@ -27,8 +27,8 @@ DELAY, READOUT = -0.012, 0.02
 def know(instants, delay=DELAY, readout=READOUT):
     """Let it have measured so much for certain."""
     for estimate, seconds in (
-        (instants.depth._beyond, delay),
-        (instants.rolling._readout, readout),
+        (instants.depth.estimate, delay),
+        (instants.rolling.estimate, readout),
     ):
         estimate.note(1e12, 1e12 * seconds, PERIOD)
 

@@ -52,6 +52,14 @@ def test_a_number_counts_once_it_is_told_from_zero():
     assert sure.value == sure.likely == pytest.approx(0.0192)
 
 
+def test_a_number_is_known_once_it_is_certain_or_if_nobody_asks():
+    assert not Estimate(EXPECTED).is_known(0.4 * EXPECTED)
+    three = noted((3 * AS_THE_PRIOR, 0.0, PERIOD))  # four with the prior: half of its sigma
+    assert three.is_known(0.51 * EXPECTED)
+    assert not three.is_known(0.49 * EXPECTED)
+    assert Estimate(EXPECTED, wanted=False).is_known(0.0)
+
+
 @pytest.mark.parametrize("value", [0.04, -0.04, math.nan, math.inf])
 def test_what_contradicts_is_refused(value):
     assert noted((CERTAIN, value, PERIOD)).value == 0.0

@@ -35,7 +35,7 @@ def registration_of(camera, **changes):
 def shutter(seconds=0.0, camera=VGA):
     """One that has measured so much; up to three sigmas of what is expected."""
     rolling = RollingShutter(camera, registration_of(camera).solver, "measured")
-    rolling._readout.note(1e12, 1e12 * seconds, PERIOD)
+    rolling.estimate.note(1e12, 1e12 * seconds, PERIOD)
     return rolling
 
 
@@ -143,7 +143,7 @@ def test_rows_go_from_the_first_to_the_last_about_the_middle():
     for seconds in (0.0, 0.9 * LEAST_S):
         assert shutter(seconds).rows(pixels).size == 0
     rolling = shutter(0.029)
-    rolling._readout.note(1e14, 1e14 * 0.05, PERIOD)
+    rolling.estimate.note(1e14, 1e14 * 0.05, PERIOD)
     assert rolling.seconds == LARGEST_S
     rolling.forget()
     assert rolling.seconds == 0.0
@@ -293,7 +293,7 @@ def test_where_all_rows_are_taken_at_once_no_readout_is_found():
     frames, truth = clip(0.0)
     at_once, _ = follow(frames, truth, "none")
     rmse, odometry = follow(frames, truth, "measured")
-    assert abs(odometry._instants.rolling._readout.value) < 0.001
+    assert abs(odometry._instants.rolling.estimate.value) < 0.001
     assert abs(rmse - at_once) < 0.1 * at_once
 
 

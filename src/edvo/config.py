@@ -344,7 +344,8 @@ class StatusConfig(Section):
     max_depth_sigma: Positive = Field(
         default=5.0,
         description="a degraded frame whose depth is off the planes of the keyframe by more than "
-        "so many times the sensor's noise is lost: edges and depth contradict each other",
+        "so many times the sensor's noise is lost: edges and depth contradict each other; and such "
+        "depth does not tell what stands still",
     )
     max_conflict: Fraction = Field(
         default=0.02,

@@ -41,24 +41,28 @@ class DepthDelay:
     fitter : PlaneFitter
     rule : str
         See ``MotionConfig.depth_delay``.
+
+    Attributes
+    ----------
+    estimate : Estimate
+        Of the rest, seconds.
     """
 
     def __init__(self, camera: Camera, fitter: PlaneFitter, rule: str) -> None:
         self._pinhole, self._fitter = camera_of(camera), fitter
         self._is_on = rule != "none" and fitter.is_on
-        self._is_measured = rule == "measured" and fitter.is_on
-        self._beyond = Estimate(EXPECTED_S)
+        self.estimate = Estimate(EXPECTED_S, wanted=rule == "measured" and fitter.is_on)
         self.forget()
 
     def forget(self) -> None:
         """Believe the stamps, until there is evidence to the contrary."""
-        self._beyond.forget()
+        self.estimate.forget()
         self._changes = Changes()
 
     @property
     def seconds(self) -> float:
         """What is to be added to the delay that stamps tell."""
-        return self._beyond.value
+        return self.estimate.value
 
     def motion(self, velocity: NDArray[np.float64], frame: Frame) -> NDArray[np.float64] | None:
         """Say where the camera was when a depth image was taken.
@@ -160,20 +164,6 @@ class DepthDelay:
         points = move_points(seen.points, now @ se3.inverse(then))
         return replace(seen, points=points, T_cam_depth=T_cam_depth)
 
-    def is_known(self, sigma: float) -> bool:
-        """Say whether it is certain, or not asked for.
-
-        Parameters
-        ----------
-        sigma : float
-            How certain, seconds (one sigma).
-
-        Returns
-        -------
-        bool
-        """
-        return not self._is_measured or self._beyond.variance < sigma * sigma
-
     def learn(self, moment: Moment) -> None:
         """Compare how depth's misfit changes with how the velocity does.
 
@@ -183,7 +173,7 @@ class DepthDelay:
             A frame that is to be trusted.
         """
         alignment, seen = moment.alignment, moment.seen
-        if not self._is_measured or not alignment.depth_balance:
+        if not self.estimate.wanted or not alignment.depth_balance:
             return
         T = alignment.T_ref_cur
         as_stamped = T @ se3.exp(moment.velocity * _stamped(seen.frame))
@@ -200,7 +190,7 @@ class DepthDelay:
         change, stamped, pushed = changes
         h = H_planes @ change
         told = Equations(float(change @ h), float(change @ stamped), moves * h, pushed)
-        self._beyond.learn(told, alignment, moment.period)
+        self.estimate.learn(told, alignment, moment.period)
 
     def _equations(
         self, moment: Moment, T: NDArray[np.float64]

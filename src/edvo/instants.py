@@ -138,7 +138,7 @@ class Instants:
 
     @property
     def _are_known(self) -> bool:
-        return self.depth.is_known(KNOWN_S) and self.rolling.is_known(KNOWN_S)
+        return all(part.estimate.is_known(KNOWN_S) for part in (self.depth, self.rolling))
 
     def interrupt(self) -> None:
         """Take note that a frame is not to be trusted."""

@@ -50,9 +50,16 @@ class Estimate:
     ----------
     expected : float
         How far (one sigma).
+    wanted : bool, optional
+        False where nobody asks for it: then it stays 0, and there is nothing to find out.
+
+    Attributes
+    ----------
+    wanted : bool
     """
 
-    def __init__(self, expected: float) -> None:
+    def __init__(self, expected: float, *, wanted: bool = True) -> None:
+        self.wanted = wanted
         self._variance = expected * expected
         self.forget()
 
@@ -74,6 +81,20 @@ class Estimate:
     def value(self) -> float:
         """The most likely one, or 0 as long as that is not to be told from it."""
         return self.likely if self.likely**2 > SURE * SURE * self.variance else 0.0
+
+    def is_known(self, sigma: float) -> bool:
+        """Say whether it is certain, or not asked for.
+
+        Parameters
+        ----------
+        sigma : float
+            How certain (one sigma), in the unit of the number.
+
+        Returns
+        -------
+        bool
+        """
+        return not self.wanted or self.variance < sigma * sigma
 
     def note(self, information: float, weighted: float, seconds: float) -> None:
         """Take a measurement into account, unless it contradicts what is known.

@@ -45,9 +45,6 @@ RECOVERY_PERIOD_S = 0.15  # then it is held against the stored keyframes no more
 # Lost for longer, by time and by frames, a frame may show any place that was seen before.
 LONG_LOST_S, LONG_LOST_FRAMES = 0.3, 3
 DOUBTFUL_S = 1.0  # after what raises doubt, a pose is no better than the way that led to it
-# So many edges fit, but depth not to so many times its noise: then it is out of step with colour,
-# and what it says stands still is nothing to go by if that is less than half of the view.
-ALL_BUT, OUT_OF_STEP, HALF = 0.7, 5.0, 0.5
 MOVED, ASTRAY = "something moved less than a second ago", "found again, lost from a doubtful pose"
 FAR_STEP = "a far step: of what both see enough fits, and nothing else does"
 NOT_ALONE = "a far step, and beside where it led the edges fit as well"
@@ -271,7 +268,7 @@ class Odometry:
         still = self._stand_still(seen) if moving else None
         if still is None or (_is_little(still, seen) and self._follows(timestamp)):
             alignment, status, reason = self._locate(seen)
-            if status is not Status.LOST and _is_out_of_step(alignment):
+            if status is not Status.LOST and self._judge.is_out_of_step(alignment):
                 still = None
             if status is Status.LOST and not moving:
                 still = self._stand_out(seen)
@@ -291,7 +288,7 @@ class Odometry:
         if not self.config.status.max_conflict:
             return alignment, status, reason, still
         status, reason = self._question(seen, alignment, status, reason)
-        doubted = status is Status.LOST or not _is_out_of_step(alignment)
+        doubted = status is Status.LOST or not self._judge.is_out_of_step(alignment)
         if still is None and doubted and self._is_noticed(seen.frame.timestamp):
             still = self._go_back(seen)
             if still is not None:
@@ -930,13 +927,7 @@ class Odometry:
 
 def _is_little(still: Still, seen: Seen) -> bool:
     """Whether less than half of a frame is said to stand still."""
-    return len(still.seen.samples) < HALF * len(seen.samples)
-
-
-def _is_out_of_step(alignment: Alignment) -> bool:
-    """Whether edges fit as a whole, but depth so badly that it cannot tell what stands still."""
-    fits = alignment.agreeing >= ALL_BUT * len(alignment.matches)
-    return fits and alignment.sigma_depth > OUT_OF_STEP
+    return 2 * len(still.seen.samples) < len(seen.samples)
 
 
 def _of_depth(seen: Seen, T_world_cam: NDArray[np.float64]) -> NDArray[np.float64]:

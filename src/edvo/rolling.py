@@ -31,24 +31,29 @@ class RollingShutter:
         Of the registration that the alignments come from.
     rule : str
         See ``MotionConfig.readout``.
+
+    Attributes
+    ----------
+    estimate : Estimate
+        Of the readout, seconds.
     """
 
     def __init__(self, camera: Camera, solver: kernels.Solver, rule: str) -> None:
         self._pinhole, self._solver = camera_of(camera), solver
         # distances have no sign that a velocity could change
-        self._is_measured = rule == "measured" and solver.residual == kernels.SIGNED
-        self._readout = Estimate(EXPECTED_S)
+        wanted = rule == "measured" and solver.residual == kernels.SIGNED
+        self.estimate = Estimate(EXPECTED_S, wanted=wanted)
         self.forget()
 
     def forget(self) -> None:
         """Take all rows as simultaneous, until there is evidence to the contrary."""
-        self._readout.forget()
+        self.estimate.forget()
         self._changes = Changes()
 
     @property
     def seconds(self) -> float:
         """From the first row to the last; negative where they are read from below."""
-        seconds = min(max(self._readout.value, -LARGEST_S), LARGEST_S)
+        seconds = min(max(self.estimate.value, -LARGEST_S), LARGEST_S)
         return seconds if abs(seconds) > LEAST_S else 0.0
 
     def rows(self, pixels: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -95,20 +100,6 @@ class RollingShutter:
             return edges
         return unroll(edges, rows, velocity, self._pinhole, depths)
 
-    def is_known(self, sigma: float) -> bool:
-        """Say whether it is certain, or not asked for.
-
-        Parameters
-        ----------
-        sigma : float
-            How certain, seconds (one sigma).
-
-        Returns
-        -------
-        bool
-        """
-        return not self._is_measured or self._readout.variance < sigma * sigma
-
     def learn(self, moment: Moment) -> None:
         """Compare how the misfit of edges by rows changes with how the velocity does.
 
@@ -117,7 +108,7 @@ class RollingShutter:
         moment : Moment
             A frame that is to be trusted.
         """
-        if not self._is_measured:
+        if not self.estimate.wanted:
             return
         alignment, samples = moment.alignment, moment.seen.samples
         T, sigma = alignment.T_ref_cur, alignment.sigma_px
@@ -151,7 +142,7 @@ class RollingShutter:
         change, misfit, pushed = changes
         curvature = float(change @ H_rows @ change)
         told = Equations(curvature, float(change @ misfit), H_row @ change, pushed)
-        self._readout.learn(told, alignment, moment.period)
+        self.estimate.learn(told, alignment, moment.period)
 
 
 def unroll(

@@ -14,6 +14,7 @@ from edvo.registration import REASONS, Alignment
 FAILURES = (REASONS[kernels.TOO_FEW], REASONS[kernels.SINGULAR])
 MILD_SIGMA = 1.5  # times the sensor's noise, up to which depth raises no doubt
 FADING = 0.97  # a frame, of the worst fit of depth seen of late
+AS_A_WHOLE = 0.7  # of the edges agree: of people who are followed, hardly ever so many
 AGREEING_SIGMA = 3.0  # times the sensor's noise, at which depth agrees half
 
 
@@ -144,6 +145,20 @@ class Judge:
     def _poor_fit(self, alignment: Alignment) -> str:
         """Why the fit is in doubt; empty where it is not."""
         return _misfit(alignment, self._status.doubt_inliers, self._status.doubt_agreeing)
+
+    def is_out_of_step(self, alignment: Alignment) -> bool:
+        """Whether edges fit as a whole, but depth so badly that it cannot tell what stands still.
+
+        Parameters
+        ----------
+        alignment : Alignment
+
+        Returns
+        -------
+        bool
+        """
+        fits = alignment.agreeing >= AS_A_WHOLE * len(alignment.matches)
+        return fits and alignment.sigma_depth > self._status.max_depth_sigma
 
     def is_sure(self, alignment: Alignment, *, seen_only: bool = False) -> bool:
         """Whether a registration is good enough to say where the camera is from nothing.

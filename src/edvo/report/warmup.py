@@ -54,10 +54,11 @@ def warm_up(config: Config) -> None:
         bars = ((u + index) // 16 + v // 16) % 2
         # each a little lighter, so that none counts as the same image as before
         grey = np.ascontiguousarray(60 + 2 * index + 120 * bars, dtype=np.uint8)
-        odometry.track(Frame(index / 30.0, grey, depth, depth_delay=DEPTH_DELAY_S))
+        frame = Frame(index / 30.0, grey, depth, depth_delay=DEPTH_DELAY_S)
+        odometry.track(frame)
     # and darkness, where depth alone goes on
     odometry.track(Frame(MOVING / 30.0, np.zeros_like(grey), depth))
     # and a rolling shutter, which takes longer to be found
     edges = extract_edges(grey, config.edges)
-    depths = depth_at_edges(Frame(0.0, grey, depth).depth, edges.index, config.edges)
+    depths = depth_at_edges(frame.depth, edges.index, config.edges)
     unroll(edges.describe(camera), np.zeros(len(edges)), np.zeros(6), camera_of(camera), depths)
