@@ -16,6 +16,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 I16 = NDArray[np.int16]
@@ -37,6 +38,7 @@ CONVERGED, STALLED, EXHAUSTED, TOO_FEW, SINGULAR = 0, 1, 2, 3, 4  # why a regist
 ALL = np.int64(1)  # a stride; a plain 1 would have its own compiled variant
 HISTORY = 8  # columns of the iteration record
 TUKEY_TUNING = 4.685  # 95 % efficient on a Gaussian
+DIRECTIONS = 8  # over a full turn: an edge from dark to bright is none from bright to dark
 MIN_PLANE_SIGMA = 0.02  # floor of the scale of distances to planes, in units of the noise
 
 
@@ -70,6 +72,7 @@ compiled = compiled_with()
 # sample some twenty nanoseconds. It may neither make nor return an array, and calls only its like.
 COUNTS_NOTHING = {"_nrt": False} if hasattr(numba.core.options.DefaultOptions, "_nrt") else {}
 lean = compiled_with(**COUNTS_NOTHING)
+lean_float = compiled_with(error_model="numpy", **COUNTS_NOTHING)  # 1 / 0 is infinite: no branch
 
 
 class Grid(NamedTuple):
@@ -182,8 +185,10 @@ class PlaneMatches(NamedTuple):
 class Chamfer(NamedTuple):
     """Edges to be judged by how near they fall to those of a reference image."""
 
-    images: NDArray[np.uint8]  # (directions, rows, cols) 255 on an edge, less beside it
-    cell: float  # px, of these images
+    scores: U8  # (rows * cols * DIRECTIONS,) 255 on an edge, less beside it; 0 all round
+    rows: int
+    cols: int
+    cell: float  # px
     points: F32  # (3, N) the edges in the current camera, m
     directions: I32  # (N,) of their gradients
     camera: Pinhole
@@ -1167,16 +1172,22 @@ def exp_se3(xi: F64) -> F64:
     return T
 
 
+@lean
+def multiply(A: F64, B: F64, AB: F64) -> None:
+    """Write the product of two rigid motions."""
+    for i in range(3):
+        for j in range(4):
+            AB[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
+        AB[i, 3] += A[i, 3]
+    AB[3, 0], AB[3, 1], AB[3, 2], AB[3, 3] = 0.0, 0.0, 0.0, 1.0
+
+
 @compiled
 def product(A: F64, B: F64) -> F64:
     """Matrix product of two rigid motions."""
-    C = np.zeros((4, 4))
-    for i in range(3):
-        for j in range(4):
-            C[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
-        C[i, 3] += A[i, 3]
-    C[3, 3] = 1
-    return C
+    AB = np.empty((4, 4))
+    multiply(A, B, AB)
+    return AB
 
 
 @compiled
@@ -1806,14 +1817,81 @@ def align(
 # ------------------------------------------------------------------------------------- chamfer
 
 
-@compiled_with(error_model="numpy")
-def chamfer_score(chamfer: Chamfer, T: F64, u: F32, v: F32) -> float:
+@lean
+def direction_of(gu: float, gv: float) -> int:
+    """Sort a gradient into one of ``DIRECTIONS``, the first from 0 to 45 degrees."""
+    half = 0
+    if gv < 0 or (gv == 0 and gu < 0):
+        gu, gv, half = -gu, -gv, 4
+    if gu > 0:
+        return half if gv < gu else half + 1
+    return half + 2 if -gu < gv else half + 3
+
+
+@compiled
+def directions_of(gradients: F32, directions: I32) -> None:
+    """Sort gradients into ``DIRECTIONS``."""
+    for i in range(gradients.shape[0]):
+        directions[i] = direction_of(gradients[i, 0], gradients[i, 1])
+
+
+@lean
+def take_from_beside(row: U8, beside: U8, straight: np.uint8, slant: np.uint8) -> None:
+    """Raise a row of scores, but for its ends, to those of the row beside it less the way."""
+    one, end = np.uint64(DIRECTIONS), np.uint64(row.size - DIRECTIONS)
+    for j in range(one, end):
+        near = max(beside[j], straight) - straight
+        far = max(max(beside[j - one], beside[j + one]), slant) - slant
+        row[j] = max(row[j], np.uint8(max(near, far)))
+
+
+@lean
+def take_along(row: U8, straight: np.uint8) -> None:
+    """Raise the scores of a row, but for its ends, to those before and behind less the way."""
+    one, end = np.uint64(DIRECTIONS), np.uint64(row.size - DIRECTIONS)
+    for j in range(one, end):
+        row[j] = max(row[j], np.uint8(max(row[j - one], straight) - straight))
+    for cell in range(row.size // DIRECTIONS - 2, 0, -1):
+        for k in range(DIRECTIONS):
+            j = np.uint64(cell * DIRECTIONS + k)
+            row[j] = max(row[j], np.uint8(max(row[j + one], straight) - straight))
+
+
+@compiled
+def chamfer_scores(
+    pixels: F32, gradients: F32, cell: float, straight: np.uint8, slant: np.uint8, scores: U8
+) -> None:
+    """Say how near an edge of like direction is, by a chamfer distance of two passes.
+
+    ``scores`` (rows, cols, DIRECTIONS) is 0 at first and stays so in its outermost rows and
+    columns; a step to the next cell costs ``straight``, one to a corner ``slant``. An edge counts
+    for its own direction and for those beside it.
+    """
+    rows, cols = scores.shape[0], scores.shape[1]
+    for i in range(pixels.shape[0]):
+        col = min(max(int((pixels[i, 0] + 0.5) / cell), 0), cols - 3) + 1
+        row = min(max(int((pixels[i, 1] + 0.5) / cell), 0), rows - 3) + 1
+        k = direction_of(gradients[i, 0], gradients[i, 1])
+        for alike in range(k - 1, k + 2):
+            scores[row, col, alike % DIRECTIONS] = 255
+    lanes = scores.reshape(rows, cols * DIRECTIONS)  # a vector holds all directions of some cells
+    take_along(lanes[1], straight)
+    for row in range(2, rows - 1):
+        take_from_beside(lanes[row], lanes[row - 1], straight, slant)
+        take_along(lanes[row], straight)
+    for row in range(rows - 3, 0, -1):
+        take_from_beside(lanes[row], lanes[row + 1], straight, slant)
+        take_along(lanes[row], straight)
+
+
+@lean_float
+def chamfer_score(chamfer: Chamfer, T: F64, cells: I32) -> float:
     """Mean score, of 255, of the cells that the points fall into under a pose.
 
-    ``u`` and ``v`` (N,) are room to work in: the first loop then runs on vectors.
+    ``cells`` (N,) is room to work in: the first loop then runs on vectors.
     """
-    camera, points = chamfer.camera, chamfer.points
-    rows, cols = chamfer.images.shape[1], chamfer.images.shape[2]
+    camera, points, directions = chamfer.camera, chamfer.points, chamfer.directions
+    high, wide = np.float32(chamfer.rows - 2), np.float32(chamfer.cols - 2)
     inverse = np.float32(1 / chamfer.cell)
     fx, fy = np.float32(camera.fx) * inverse, np.float32(camera.fy) * inverse
     cx, cy = np.float32(camera.cx + 0.5) * inverse, np.float32(camera.cy + 0.5) * inverse
@@ -1835,18 +1913,21 @@ def chamfer_score(chamfer: Chamfer, T: F64, u: F32, v: F32) -> float:
         np.float32(T[2, 2]),
         np.float32(T[2, 3]),
     )
-    behind = np.float32(-1)
+    zero, nearest = np.float32(0), np.float32(MIN_DEPTH)
+    cols, in_view, total = np.int32(chamfer.cols), np.int32(0), np.int32(0)
     for i in range(points.shape[1]):
         x, y, z = points[0, i], points[1, i], points[2, i]
         pz = t20 * x + t21 * y + t22 * z + t23
-        u[i] = fx * (t00 * x + t01 * y + t02 * z + t03) / pz + cx
-        v[i] = fy * (t10 * x + t11 * y + t12 * z + t13) / pz + cy
-        u[i] = u[i] if pz > MIN_DEPTH else behind
-    total, in_view = 0, 0
-    for i in range(points.shape[1]):
-        if 0 <= u[i] < cols and 0 <= v[i] < rows:
-            in_view += 1
-            total += chamfer.images[chamfer.directions[i], int(v[i]), int(u[i])]
+        u = fx * (t00 * x + t01 * y + t02 * z + t03) / pz + cx
+        v = fy * (t10 * x + t11 * y + t12 * z + t13) / pz + cy
+        inside = (pz > nearest) & (u >= zero) & (u < wide) & (v >= zero) & (v < high)
+        row = np.int32(v if inside else zero) + np.int32(1)
+        col = np.int32(u if inside else zero) + np.int32(1)
+        cell = np.int32(DIRECTIONS) * (row * cols + col) + directions[i]
+        cells[i] = cell if inside else np.int32(0)  # of the frame, where nothing is
+        in_view += np.int32(inside)
+    for i in range(cells.size):
+        total += chamfer.scores[np.uint32(cells[i])]
     return total / max(in_view, chamfer.least)
 
 
@@ -1870,13 +1951,14 @@ def chamfer_search(
     ``found`` holds, and their scores, the best start first; returns how many.
     """
     values = np.empty(starts.shape[0])
-    u, v = np.empty((2, chamfer.directions.size), np.float32)
+    cells = np.empty(chamfer.directions.size, np.int32)
     for s in range(starts.shape[0]):
-        values[s] = chamfer_score(chamfer, starts[s], u, v)
+        values[s] = chamfer_score(chamfer, starts[s], cells)
     count = 0
-    for s in np.argsort(-values):
+    for _ in range(starts.shape[0]):
         if count == found.shape[0]:
             break
+        s = np.argmax(values)
         near = False
         for k in range(count):
             trace = 0.0
@@ -1891,8 +1973,10 @@ def chamfer_search(
             found[count] = starts[s]
             scores[count] = values[s]
             count += 1
+        values[s] = -1.0
     steps = np.empty((12, 4, 4))
     twist = np.zeros(6)
+    here, T = np.empty((4, 4)), np.empty((4, 4))
     for halving in range(halvings):
         for axis in range(6):
             length = (step_m if axis < 3 else step_rad) / 2**halving
@@ -1902,11 +1986,11 @@ def chamfer_search(
             twist[axis] = 0
         for k in range(count):
             for _ in range(rounds):
-                here = found[k].copy()
+                here[:] = found[k]
                 climbed = False
                 for way in range(12):
-                    T = product(here, steps[way])
-                    score = chamfer_score(chamfer, T, u, v)
+                    multiply(here, steps[way], T)
+                    score = chamfer_score(chamfer, T, cells)
                     if score > scores[k]:
                         scores[k], climbed = score, True
                         found[k] = T
