@@ -39,6 +39,7 @@ ALL = np.int64(1)  # a stride; a plain 1 would have its own compiled variant
 HISTORY = 8  # columns of the iteration record
 TUKEY_TUNING = 4.685  # 95 % efficient on a Gaussian
 DIRECTIONS = 8  # over a full turn: an edge from dark to bright is none from bright to dark
+SAME_STEP = 1e-5  # share of a step by which more damping shortens it that does not count yet
 MIN_PLANE_SIGMA = 0.02  # floor of the scale of distances to planes, in units of the noise
 
 
@@ -1700,7 +1701,7 @@ def align(
         if m > 0:
             near_count = match_planes(planes, surface, camera, lagged(T, lag), term, near)
         damping = solver.damping
-        rejections = 0
+        rejections, rejected = 0, 0.0
         stale = True
         reason = EXHAUSTED
         while iterations < solver.max_iterations:
@@ -1744,28 +1745,36 @@ def align(
                 row[6] = 1
                 reason = CONVERGED
                 break
-            copy_matches(matches, trial)
-            if rolls:
-                unroll_points(points, trial_T, lag, moved)
-            trial_count = warp_and_match(
-                grid,
-                moved,
-                gradients,
-                every,
-                camera,
-                trial_T,
-                criterion,
-                solver.residual,
-                trial,
-                trial_residuals,
-            )
-            row[7] = mean_cost(trial_residuals, trial_count, taken, sigma, criterion.limit, solver)
-            near_trial_count = 0
-            if m > 0:
-                there = lagged(trial_T, lag)
-                near_trial_count = match_planes(planes, surface, camera, there, term, near_trial)
-            if balance > 0:
-                row[7] += balance / n * plane_cost(near_trial, near_trial_count, m, sigma_d)
+            if rejections > 0 and change > (1 - SAME_STEP) * rejected:
+                row[7] = history[iterations - 2, 7]  # the same step would be rejected again
+            else:
+                rejected = change
+                copy_matches(matches, trial)
+                if rolls:
+                    unroll_points(points, trial_T, lag, moved)
+                trial_count = warp_and_match(
+                    grid,
+                    moved,
+                    gradients,
+                    every,
+                    camera,
+                    trial_T,
+                    criterion,
+                    solver.residual,
+                    trial,
+                    trial_residuals,
+                )
+                row[7] = mean_cost(
+                    trial_residuals, trial_count, taken, sigma, criterion.limit, solver
+                )
+                near_trial_count = 0
+                if m > 0:
+                    there = lagged(trial_T, lag)
+                    near_trial_count = match_planes(
+                        planes, surface, camera, there, term, near_trial
+                    )
+                if balance > 0:
+                    row[7] += balance / n * plane_cost(near_trial, near_trial_count, m, sigma_d)
             if row[7] < cost:
                 row[6] = 1
                 T[:] = trial_T

@@ -864,7 +864,7 @@ class Odometry:
         if self._losses:
             starts.append(np.eye(4))  # the camera may have come back to where the keyframe was
         if self.config.motion.search_deg and self._is_far_step(timestamp):
-            starts += self._search.likely(self._keyframe, still, seen)
+            starts = self._search.likeliest(self._keyframe, still, seen, starts)
         return np.array(starts)
 
     def _question(

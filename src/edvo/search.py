@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from edvo import se3
 from edvo.camera import Camera
+from edvo.chamfer import Guess
 from edvo.config import Config
 from edvo.edges import EdgeImage, EdgePixels
 from edvo.frame import Frame
@@ -23,6 +24,7 @@ LOOP_M, LOOP_RAD = 0.03, math.radians(1.5)  # that a frame found again may be of
 DRIFT_M, DRIFT_M_S = 0.1, 0.5  # how far from where it is expected a lost camera may well be
 APART_M, APART_RAD = 0.1, math.radians(5.0)  # poses nearer to each other are the same place
 LIKELY = 3  # guesses taken from each start, of a far step or a lost camera
+BEGUN = 2  # of these and of where the camera may be else, registered
 MORE = 6  # guesses taken where a registration is in doubt or a far step has led to nothing
 GLANCES = 12  # guesses registered for a lost camera, of all its starts together
 ELSE_M, ELSE_RAD = 0.05, math.radians(1.5)  # guesses nearer to each other lead to the same place
@@ -128,8 +130,12 @@ class Search:
             return found  # what few samples promised, all of them do not keep
         return again
 
-    def likely(
-        self, key: Keyframe, T_key_start: NDArray[np.float64], seen: Seen
+    def likeliest(
+        self,
+        key: Keyframe,
+        T_key_start: NDArray[np.float64],
+        seen: Seen,
+        others: Sequence[NDArray[np.float64]] = (),
     ) -> list[NDArray[np.float64]]:
         """Tell at a glance where a frame may belong.
 
@@ -139,14 +145,19 @@ class Search:
         T_key_start : ndarray of float64, shape (4, 4)
             Where the camera may have turned from.
         seen : Seen
+        others : sequence of ndarray of float64, shape (4, 4)
+            Where it may be else.
 
         Returns
         -------
         list of ndarray of float64, shape (4, 4)
-            ``T_key_cur``, the likeliest first.
+            ``T_key_cur``, the likeliest first; no more than ``BEGUN``.
         """
-        guesses = key.chamfer.likely(seen.samples, T_key_start, self._reach, LIKELY, carried=False)
-        return [guess.T_ref_cur for guess in guesses]
+        samples = seen.samples
+        guesses = key.chamfer.likely(samples, T_key_start, self._reach, LIKELY, carried=False)
+        guesses += [Guess(key.chamfer.score(samples, T), T) for T in others]
+        guesses.sort(key=lambda guess: -guess.score)
+        return [guess.T_ref_cur for guess in guesses[:BEGUN]]
 
     def is_alone(self, key: Keyframe, T_key_cur: NDArray[np.float64], seen: Seen) -> bool:
         """Tell at a glance whether no place beside the one found fits as well, as steps do.
