@@ -858,24 +858,27 @@ def scan_window(
     first_col = max(int((u - wide - grid.left) * grid.inverse), 0)
     if last_col < first_col:
         return best_i, best, second
-    square, bar = reach * reach, best
+    f32 = np.float32
+    uf, vf, guf, gvf = f32(u), f32(v), f32(gu), f32(gv)
+    square, bar = f32(reach * reach), f32(np.inf)
+    first, other = f32(np.inf), f32(reach * reach)
+    direction, min_dot, one = f32(criterion.direction), f32(criterion.min_dot), f32(1)
     points = grid.points
     for row in range(first_row, last_row + 1):
         base = row * grid.cols
         for i in range(grid.start[base + first_col], grid.start[base + last_col + 1]):
-            du, dv = points[i, 0] - u, points[i, 1] - v
+            du, dv = points[i, 0] - uf, points[i, 1] - vf
             distance = du * du + dv * dv
-            dot = points[i, 2] * gu + points[i, 3] * gv
-            cost = distance + criterion.direction * (dot - 1.0) * (dot - 1.0)
-            # most fail here, which a processor foresees, while half of them are outside the circle
-            if cost < bar and distance <= square and dot >= criterion.min_dot:
-                if cost < best:
-                    second = min(best, second)
-                    best_i, best = i, cost
+            dot = points[i, 2] * guf + points[i, 3] * gvf
+            cost = distance + direction * (dot - one) * (dot - one)
+            if cost < bar and distance <= square and dot >= min_dot:
+                if cost < first:
+                    other = min(first, other)
+                    best_i, first = i, cost
                 else:
-                    second = cost
-                bar = max(best, second)
-    return best_i, best, second
+                    other = cost
+                bar = max(first, other)
+    return best_i, float(first), float(other)
 
 
 @lean
@@ -1855,11 +1858,17 @@ def take_from_beside(row: U8, beside: U8, straight: np.uint8, slant: np.uint8) -
 
 
 @lean
-def take_along(row: U8, straight: np.uint8) -> None:
-    """Raise the scores of a row, but for its ends, to those before and behind less the way."""
+def take_from_before(row: U8, straight: np.uint8) -> None:
+    """Raise the scores of a row, but for its ends, to those of the cell before less the way."""
     one, end = np.uint64(DIRECTIONS), np.uint64(row.size - DIRECTIONS)
     for j in range(one, end):
         row[j] = max(row[j], np.uint8(max(row[j - one], straight) - straight))
+
+
+@lean
+def take_from_behind(row: U8, straight: np.uint8) -> None:
+    """Raise the scores of a row, but for its ends, to those of the next cell less the way."""
+    one = np.uint64(DIRECTIONS)
     for cell in range(row.size // DIRECTIONS - 2, 0, -1):
         for k in range(DIRECTIONS):
             j = np.uint64(cell * DIRECTIONS + k)
@@ -1884,13 +1893,12 @@ def chamfer_scores(
         for alike in range(k - 1, k + 2):
             scores[row, col, alike % DIRECTIONS] = 255
     lanes = scores.reshape(rows, cols * DIRECTIONS)  # a vector holds all directions of some cells
-    take_along(lanes[1], straight)
-    for row in range(2, rows - 1):
+    for row in range(1, rows - 1):
         take_from_beside(lanes[row], lanes[row - 1], straight, slant)
-        take_along(lanes[row], straight)
-    for row in range(rows - 3, 0, -1):
+        take_from_before(lanes[row], straight)
+    for row in range(rows - 2, 0, -1):
         take_from_beside(lanes[row], lanes[row + 1], straight, slant)
-        take_along(lanes[row], straight)
+        take_from_behind(lanes[row], straight)
 
 
 @lean_float
