@@ -17,6 +17,7 @@ from edvo.errors import ConfigError
 from edvo.files import write_atomically
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 
 
@@ -336,6 +337,12 @@ class StatusConfig(Section):
     doubt_agreeing: Fraction = Field(
         default=0.5, description="share below which a tracked frame is called degraded"
     )
+    edge_jump: NotNegative = Field(
+        default=2.5,
+        description="a frame whose edges scatter about their matches by so many times what they "
+        "did of late is registered anew from each of its starts, by the scale of late; 0 leaves "
+        "it. Not in the paper",
+    )
     depth_jump: Positive = Field(
         default=3.0,
         description="a frame whose depth is off the planes of the keyframe by so many times the "
@@ -565,6 +572,7 @@ PRESETS: dict[str, dict[str, Any]] = {
             "moving": "follow",
             "lost": "wait",
             "sudden_change": "ignore",
+            "edge_jump": 0.0,
         },
     },
 }

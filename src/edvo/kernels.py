@@ -203,6 +203,7 @@ class Solver(NamedTuple):
     weight: int
     tuning: float  # nu of the t-distribution; the tuning constant of the others
     min_sigma: float  # px
+    max_sigma: float  # px
     first_sigma: float  # px, its floor before the last stage
     first_samples: int  # before the last stage every k-th is taken, and so many at least; 0: all
     min_matches: int
@@ -1712,7 +1713,7 @@ def align(
                 reason = TOO_FEW
                 break
             if stale:
-                sigma = scale_of(residuals, count, sigma, solver)
+                sigma = min(scale_of(residuals, count, sigma, solver), solver.max_sigma)
                 if stage < last_stage:
                     sigma = max(sigma, solver.first_sigma)
                 cost = mean_cost(residuals, count, taken, sigma, criterion.limit, solver)

@@ -23,7 +23,7 @@ from edvo.instants import Instants
 from edvo.keyframes import Keyframe, KeyframeStore, is_due
 from edvo.last_good import LastGood
 from edvo.pieces import Pieces
-from edvo.planes import PlaneFitter
+from edvo.planes import DepthTerm, PlaneFitter
 from edvo.registration import AT_ONCE, Alignment, Registration
 from edvo.search import Search, Seen, is_apart
 from edvo.sharing import SharedErrors
@@ -306,13 +306,20 @@ class Odometry:
             alignment = self._registration.align(
                 key.edges, seen.samples, starts, key.planes, seen.points, term, self._lag(seen)
             )
-        status, reason = self._assess(alignment, timestamp)
         far = self._is_far_step(timestamp)
+        scattered = not far and self._judge.is_scattered(alignment)
+        if scattered:
+            with self._clock("search"):
+                alignment = self._sharpest(seen, starts, term, alignment)
+        status, reason = self._assess(alignment, timestamp)
         if not self.config.motion.search_deg or (status is Status.TRACKED and not far):
             return alignment, status, reason
         with self._clock("search"):
             if status is not Status.TRACKED:
-                alignment = self._search.around(key, self._T_key_last, seen, alignment)
+                other = self._search.around(key, self._T_key_last, seen, alignment)
+                in_place = self._judge.in_place
+                if not scattered or in_place(other) > in_place(alignment):
+                    alignment = other
                 status, reason = self._assess(alignment, timestamp)
             if not far or status is Status.DEGRADED:
                 return alignment, status, reason
@@ -328,6 +335,24 @@ class Odometry:
                 found, reason = farther, FAR_STEP
         self._doubt_time, self._doubt = timestamp, STEPPED
         return found, Status.DEGRADED, reason
+
+    def _sharpest(
+        self, seen: Seen, starts: NDArray[np.float64], term: DepthTerm, found: Alignment
+    ) -> Alignment:
+        """Register with a scale that is known, and take what puts most edges in their places.
+
+        Where light makes edges come and go at once, half of them belong to no edge of the
+        keyframe: a scale that is taken from all of them lets them count.
+        """
+        assert self._keyframe is not None
+        key, lag, scale = self._keyframe, self._lag(seen), self._judge.sharp_px
+        tried = [
+            self._registration.align(
+                key.edges, seen.samples, start[None], key.planes, seen.points, term, lag, scale
+            )
+            for start in (*starts, found.T_ref_cur)
+        ]
+        return max((found, *tried), key=self._judge.in_place)
 
     @property
     def _leaves_out(self) -> bool:

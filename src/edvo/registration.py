@@ -178,6 +178,7 @@ class Registration:
             weight=WEIGHTS[registration.weight],
             tuning=registration.nu if registration.weight == "t" else TUNING[registration.weight],
             min_sigma=registration.min_sigma_px,
+            max_sigma=math.inf,
             first_sigma=registration.first_sigma_px,
             first_samples=registration.first_samples,
             min_matches=registration.min_matches,
@@ -218,6 +219,7 @@ class Registration:
         points: PlanePoints = NO_POINTS,
         term: DepthTerm = EDGES_ALONE,
         lag: kernels.Lag = AT_ONCE,
+        max_sigma_px: float = math.inf,
     ) -> Alignment:
         """Find the motion between the reference and the current camera.
 
@@ -237,11 +239,17 @@ class Registration:
             What points and planes count.
         lag : kernels.Lag, optional
             When depth and the rows of the image were taken, if not at once.
+        max_sigma_px : float, optional
+            Bound on the scale of the residuals, where it is known: else many edges that do not
+            belong to the reference make it so large that they count.
 
         Returns
         -------
         Alignment
         """
+        solver = self._solver
+        if max_sigma_px < math.inf:
+            solver = solver._replace(max_sigma=max_sigma_px)
         n = len(samples)
         T, H = np.empty((4, 4)), np.zeros((6, 6))
         matches, packed = np.empty(n, np.int32), np.empty(n)
@@ -256,7 +264,7 @@ class Registration:
             self._normal,
             self._first,
             self._last,
-            self._solver,
+            solver,
             self._stride,
             planes,
             points,

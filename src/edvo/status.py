@@ -15,6 +15,8 @@ FAILURES = (REASONS[kernels.TOO_FEW], REASONS[kernels.SINGULAR])
 MILD_SIGMA = 1.5  # times the sensor's noise, up to which depth raises no doubt
 FADING = 0.97  # a frame, of the worst fit of depth seen of late
 AS_A_WHOLE = 0.7  # of the edges agree: of people who are followed, hardly ever so many
+USUAL_SHARE = 0.1  # that a frame has in how widely edges scatter as a rule
+SHARP, TIGHT = 2.0, 3.0  # times that: the scale to try; within which an edge is in its place
 AGREEING_SIGMA = 3.0  # times the sensor's noise, at which depth agrees half
 
 
@@ -40,12 +42,15 @@ class Judge:
         self._motion = config.motion
         self._alone_share = config.planes.alone_share
         self._usual = math.inf  # the largest sigma_depth of late
+        self._usual_px = math.inf  # the mean sigma_px of late
 
     def note(self, alignment: Alignment) -> None:
         """Take note of a registration that is to be trusted.
 
         How badly depth fits differs from camera to camera more than it does in time.
         """
+        before = self._usual_px if math.isfinite(self._usual_px) else alignment.sigma_px
+        self._usual_px = before + USUAL_SHARE * (alignment.sigma_px - before)
         if alignment.depth_balance:
             faded = 0.0 if math.isinf(self._usual) else FADING * self._usual
             self._usual = max(alignment.sigma_depth, faded)
@@ -74,7 +79,10 @@ class Judge:
         if alignment.reason in FAILURES:
             return Status.LOST, alignment.reason
         status = self._status
-        if misfit := _misfit(alignment, status.min_inliers, status.min_agreeing):
+        fitting = status.min_inliers
+        if follows and self._is_sharp(alignment):
+            fitting = min(fitting, status.min_agreeing)
+        if misfit := _misfit(alignment, fitting, status.min_agreeing):
             return Status.LOST, misfit
         if jump := self._jump(speed, turn):
             return Status.LOST, jump
@@ -128,6 +136,44 @@ class Judge:
         if speed > self._motion.max_speed_m_s or turn > self._motion.max_turn_deg_s:
             return f"implausible jump: {speed:.1f} m/s, {turn:.0f} deg/s"
         return ""
+
+    @property
+    def sharp_px(self) -> float:
+        """Scale of the residuals, px, that is hardly exceeded; infinite while none is known."""
+        return SHARP * self._usual_px
+
+    def in_place(self, alignment: Alignment) -> int:
+        """Count the edges that lie where edges that fit do.
+
+        Parameters
+        ----------
+        alignment : Alignment
+
+        Returns
+        -------
+        int
+        """
+        return int(np.count_nonzero(np.abs(alignment.residuals) <= TIGHT * self._usual_px))
+
+    def is_scattered(self, alignment: Alignment) -> bool:
+        """Whether edges scatter more widely about their matches than they did of late.
+
+        Parameters
+        ----------
+        alignment : Alignment
+
+        Returns
+        -------
+        bool
+        """
+        jump = self._status.edge_jump
+        return jump > 0 and alignment.sigma_px > jump * self._usual_px
+
+    def _is_sharp(self, alignment: Alignment) -> bool:
+        """Whether so many edges are in their places that the others may be new ones."""
+        known = self._status.edge_jump > 0 and math.isfinite(self._usual_px)
+        enough = self._status.min_agreeing * len(alignment.matches)
+        return known and self.in_place(alignment) >= enough
 
     def fits_poorly(self, alignment: Alignment) -> bool:
         """Whether so few samples fit that a pose is in doubt.

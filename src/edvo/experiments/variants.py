@@ -100,6 +100,8 @@ VARIANTS = (
     Variant("lost for a second: begin anew", ("status.lost=begin-anew",)),
     Variant("covariance: none", ("status.covariance=none",)),
     Variant("covariance: by cells", ("status.covariance=cells",)),
+    Variant("edges that scatter at once: left", ("status.edge_jump=0",)),
+    Variant("edges that scatter at once: anew", ("status.edge_jump=2.5",)),
     Variant("agreeing gradients: not asked", ("status.min_agreeing=0", "status.doubt_agreeing=0")),
     Variant("agreeing gradients: asked", ("status.min_agreeing=0.4", "status.doubt_agreeing=0.5")),
 )
