@@ -342,15 +342,20 @@ class Odometry:
         """Register with a scale that is known, and take what puts most edges in their places.
 
         Where light makes edges come and go at once, half of them belong to no edge of the
-        keyframe: a scale that is taken from all of them lets them count.
+        keyframe: a scale that is taken from all of them lets them count. Depth knows no light, so
+        that one more start is where it leads from the first.
         """
         assert self._keyframe is not None
         key, lag, scale = self._keyframe, self._lag(seen), self._judge.sharp_px
+        begun = [*starts, found.T_ref_cur]
+        if self._fitter.is_on:
+            by_depth, _ = self._depth_alone.align(key, seen.samples, seen.points, starts[0])
+            begun.append(by_depth.T_ref_cur)
         tried = [
             self._registration.align(
                 key.edges, seen.samples, start[None], key.planes, seen.points, term, lag, scale
             )
-            for start in (*starts, found.T_ref_cur)
+            for start in begun
         ]
         return max((found, *tried), key=self._judge.in_place)
 

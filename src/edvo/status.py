@@ -17,6 +17,7 @@ FADING = 0.97  # a frame, of the worst fit of depth seen of late
 AS_A_WHOLE = 0.7  # of the edges agree: of people who are followed, hardly ever so many
 USUAL_SHARE = 0.1  # that a frame has in how widely edges scatter as a rule
 SHARP, TIGHT = 2.0, 3.0  # times that: the scale to try; within which an edge is in its place
+SHARPEST = 0.5  # of an inlier's residual, what is in its place at most, to tell places apart
 AGREEING_SIGMA = 3.0  # times the sensor's noise, at which depth agrees half
 
 
@@ -79,10 +80,10 @@ class Judge:
         if alignment.reason in FAILURES:
             return Status.LOST, alignment.reason
         status = self._status
-        fitting = status.min_inliers
-        if follows and self._is_sharp(alignment):
-            fitting = min(fitting, status.min_agreeing)
-        if misfit := _misfit(alignment, fitting, status.min_agreeing):
+        fitting, agreeing = status.min_inliers, status.min_agreeing
+        if follows and self._is_sharp(alignment):  # as hardly any are that belong elsewhere
+            fitting, agreeing = min(fitting, agreeing), 0.0
+        if misfit := _misfit(alignment, fitting, agreeing):
             return Status.LOST, misfit
         if jump := self._jump(speed, turn):
             return Status.LOST, jump
@@ -170,10 +171,14 @@ class Judge:
         return jump > 0 and alignment.sigma_px > jump * self._usual_px
 
     def _is_sharp(self, alignment: Alignment) -> bool:
-        """Whether so many edges are in their places that the others may be new ones."""
-        known = self._status.edge_jump > 0 and math.isfinite(self._usual_px)
-        enough = self._status.min_agreeing * len(alignment.matches)
-        return known and self.in_place(alignment) >= enough
+        """Whether so many edges are in their places that light accounts for the others.
+
+        It makes new ones, and turns the gradient of an edge round that is lit from the other side.
+        """
+        status = self._status
+        if not status.edge_jump or TIGHT * self._usual_px > SHARPEST * status.inlier_px:
+            return False
+        return self.in_place(alignment) >= status.min_agreeing * len(alignment.matches)
 
     def fits_poorly(self, alignment: Alignment) -> bool:
         """Whether so few samples fit that a pose is in doubt.
