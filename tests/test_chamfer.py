@@ -63,30 +63,57 @@ def seen_from(edges: EdgePixels, T_ref_cur: np.ndarray) -> EdgePixels:
 def test_directions_go_round_once() -> None:
     angles = np.radians(np.arange(0, 360, 45) + 10)
     gradients = np.column_stack([np.cos(angles), np.sin(angles)]).astype(np.float32)
-    assert chamfer.direction_of(gradients).tolist() == list(range(8))
+    directions = np.empty(8, np.int32)
+    kernels.directions_of(gradients, directions)
+    assert directions.tolist() == list(range(8))
 
 
-def test_images_say_how_near_an_edge_of_like_direction_is(edges: EdgePixels) -> None:
-    images = chamfer.score_images(edges, CAMERA.width, CAMERA.height)
-    assert images.shape == (8, 60, 80)
-    cells = np.floor((edges.pixels + 0.5) / chamfer.CELL_PX)
-    directions = chamfer.direction_of(edges.gradients)
+def test_directions_are_those_of_the_twin() -> None:
+    axes = [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)]
+    gradients = np.random.default_rng(2).normal(size=(500, 2)).astype(np.float32)
+    gradients = np.concatenate([gradients, np.array(axes, np.float32)])  # on the borders, too
+    directions, expected = both(
+        "directions_of",
+        lambda: kernels.directions_of(gradients, found := np.empty(508, np.int32)) or found,
+        lambda: twins.directions_of(gradients),
+    )
+    np.testing.assert_array_equal(directions, expected)
+
+
+def test_scores_say_how_near_an_edge_of_like_direction_is(edges: EdgePixels) -> None:
+    scores = chamfer.score_image(edges, CAMERA.width, CAMERA.height)
+    assert scores.shape == (62, 82, 8)
+    assert not scores[[0, -1]].any()  # beside the image
+    assert not scores[:, [0, -1]].any()
+    cells = np.floor((edges.pixels + 0.5) / chamfer.CELL_PX) + 1
+    directions = twins.directions_of(edges.gradients)
     rng = np.random.default_rng(0)
     for _ in range(300):
-        k, row, col = rng.integers(8), rng.integers(60), rng.integers(80)
+        k, row, col = rng.integers(8), rng.integers(1, 61), rng.integers(1, 81)
         alike = np.isin((directions - k) % 8, (0, 1, 7))
         away = np.hypot(*(cells[alike] - (col, row)).T).min()
         expected = 255 * max(1 - away / chamfer.REACH_CELLS, 0)
-        assert abs(images[k, row, col] - expected) <= 255 * 0.05  # that of OpenCV errs by 5 %
+        assert abs(scores[row, col, k] - expected) <= 255 * 0.06  # steps to 8 neighbours err so
+
+
+def test_scores_are_those_of_the_twin(edges: EdgePixels) -> None:
+    gradients = edges.gradients
+    given = edges.pixels, gradients, chamfer.CELL_PX, chamfer.STRAIGHT, chamfer.SLANT
+    scores, expected = both(
+        "chamfer_scores",
+        lambda: chamfer.score_image(edges, CAMERA.width, CAMERA.height),
+        lambda: twins.chamfer_scores(*given, (62, 82, 8)),
+    )
+    np.testing.assert_array_equal(scores, expected)
 
 
 def test_the_score_is_that_of_the_twin(edges: EdgePixels) -> None:
     problem = ChamferMap(edges, CAMERA)._problem(edges.every(3))
     T = se3.exp(np.array([0.02, -0.05, 0.1, 0.02, 0.03, -0.04]))
-    room = np.empty((2, len(problem.directions)), np.float32)
+    room = np.empty(len(problem.directions), np.int32)
     score, expected = both(
         "chamfer_score",
-        lambda: kernels.chamfer_score(problem, T, *room),
+        lambda: kernels.chamfer_score(problem, T, room),
         lambda: twins.chamfer_score(problem, T),
     )
     assert score == pytest.approx(expected, abs=1.5)  # float32 moves a few to the next cell
@@ -99,14 +126,14 @@ def test_the_search_is_that_of_the_twin(
     problem = ChamferMap(edges, CAMERA)._problem(edges.every(2))
     rng = np.random.default_rng(5)
     starts = np.array([se3.exp(rng.normal(0, 0.15, 6)) for _ in range(30)])
-    room = np.empty((2, len(problem.directions)), np.float32)
+    room = np.empty(len(problem.directions), np.int32)
     found, scores = np.empty((5, 4, 4)), np.empty(5)
     rules = (1 + 2 * math.cos(math.radians(apart_deg)), apart_m, 0.1, 0.02, 3, 2)
     count, (poses, expected) = both(
         "chamfer_search",
         lambda: kernels.chamfer_search(problem, starts, *rules, found, scores),
         lambda: twins.chamfer_search(
-            lambda T: kernels.chamfer_score(problem, T, *room), starts, *rules, 5
+            lambda T: kernels.chamfer_score(problem, T, room), starts, *rules, 5
         ),
     )
     assert count == len(poses) > 1

@@ -20,7 +20,9 @@ from edvo.registration import Registration
 
 from . import problems, twins
 
-SCALAR = {"np." + name for name in ("sqrt", "log", "log1p", "float64", "float32", "uint64")}
+LEAN = {"lean", "lean_float"}
+TYPES = ("float64", "float32", "uint64", "int64", "uint32", "int32", "uint8")
+SCALAR = {"np." + name for name in ("sqrt", "log", "log1p", *TYPES)}
 
 LENS = problems.LENS
 
@@ -296,6 +298,7 @@ def solver(config=None, **changes):
         "weight": robust.WEIGHTS[config.weight],
         "tuning": robust.TUNING.get(config.weight, config.nu),
         "min_sigma": config.min_sigma_px,
+        "max_sigma": np.inf,
         "first_sigma": config.first_sigma_px,
         "first_samples": config.first_samples,
         "min_matches": config.min_matches,
@@ -587,7 +590,8 @@ def test_normal_equations(rng, residual, name):
 
 @pytest.mark.parametrize("weight", ["t", "huber", "tukey"])
 @pytest.mark.parametrize("seed", range(3))
-def test_align(seed, weight):
+@pytest.mark.parametrize("max_sigma", [np.inf, 0.1])
+def test_align(seed, weight, max_sigma):
     rng = np.random.default_rng(seed)
     problem = problems.segments_problem(seed, problems.motion(rng, 0.05, 2.0), outliers=0.1)
     config = RegistrationConfig(weight=weight, first_samples=100)
@@ -597,7 +601,7 @@ def test_align(seed, weight):
     limits = (problem.camera.width, matching.max_distance_px, matching.max_angle_deg)
     alignment, (T, iterations, seen) = both(
         "align",
-        lambda: registration.align(index, problem.samples, np.eye(4)[None]),
+        lambda: registration.align(index, problem.samples, np.eye(4)[None], max_sigma_px=max_sigma),
         lambda: twins.align(
             problem.reference,
             problem.samples.points(problem.camera),
@@ -606,11 +610,12 @@ def test_align(seed, weight):
             np.eye(4),
             Criterion(matching.gamma, *limits).compile(),
             Criterion(0.0, *limits).compile(),
-            solver(config),
+            solver(config, max_sigma=max_sigma),
         ),
     )
     np.testing.assert_allclose(alignment.T_ref_cur, T, atol=1e-6)
     assert alignment.iterations == iterations
+    assert alignment.sigma_px <= max_sigma
     assert (alignment.matches == seen.matches).mean() > 0.98  # ties aside
 
 
@@ -845,13 +850,13 @@ def test_kernels_that_count_no_references_keep_to_the_rules():
     lean = {
         name
         for name, node in functions.items()
-        if any(isinstance(by, ast.Name) and by.id == "lean" for by in node.decorator_list)
+        if any(isinstance(by, ast.Name) and by.id in LEAN for by in node.decorator_list)
     }
-    assert {"scan_window", "nearest_in_grid", "warp_and_match"} <= lean
+    assert {"scan_window", "nearest_in_grid", "warp_and_match", "chamfer_score"} <= lean
     for name in lean:
         assert functions[name].returns is not None
         returned = ast.unparse(functions[name].returns)
-        assert not re.search(r"F64|F32|I32|I16|NDArray|Matches|Grid", returned), name
+        assert not re.search(r"F64|F32|I32|I16|U8|NDArray|Matches|Grid", returned), name
         for call in ast.walk(functions[name]):
             if isinstance(call, ast.Call):
                 called = ast.unparse(call.func)

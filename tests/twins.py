@@ -294,7 +294,8 @@ def align(edges, points, gradients, camera, T, robust_criterion, normal_criterio
         now, damping, rejections, accepted = look(T), solver.damping, 0, True
         while iterations < solver.max_iterations:
             if accepted:
-                sigma = max(scale(now.residuals, sigma, solver), floor)
+                sigma = min(scale(now.residuals, sigma, solver), solver.max_sigma)
+                sigma = max(sigma, floor)
                 J = jacobian(now, camera)
                 W = robust.weights(now.residuals / sigma, function, solver.tuning)
                 H, b = J.T @ (W[:, None] * J), J.T @ (W * now.residuals)
@@ -503,15 +504,40 @@ def fit_rays(edges, rays, gradients, camera, T, near_px, angle_deg, inverse_dept
 # ------------------------------------------------------------------------------------- chamfer
 
 
+def directions_of(gradients):
+    """Sort gradients into eighths of a full turn."""
+    turns = np.arctan2(gradients[:, 1], gradients[:, 0]).astype(np.float64) * (8 / (2 * np.pi))
+    return np.floor(turns).astype(int) % 8
+
+
+def chamfer_scores(pixels, gradients, cell, straight, slant, shape):
+    """Scores that no longer rise when each cell takes its neighbours' less the way."""
+    rows, cols, _ = shape
+    scores = np.zeros(shape, int)
+    col, row = np.floor((pixels.T.astype(np.float64) + 0.5) / cell).astype(int)
+    for beside in (-1, 0, 1):
+        k = (directions_of(gradients) + beside) % 8
+        scores[row.clip(0, rows - 3) + 1, col.clip(0, cols - 3) + 1, k] = 255
+    while True:
+        raised = scores.copy()
+        for dv, du in [(dv, du) for dv in (-1, 0, 1) for du in (-1, 0, 1)]:
+            cost = int(slant) if dv and du else int(straight) if dv or du else 0
+            raised = np.maximum(raised, np.roll(scores, (dv, du), (0, 1)) - cost)
+        raised[0], raised[-1], raised[:, 0], raised[:, -1] = 0, 0, 0, 0
+        if (raised == scores).all():
+            return scores
+        scores = raised
+
+
 def chamfer_score(chamfer, T):
     """Mean score of the cells that the points fall into, in double precision."""
     Y = chamfer.points.T.astype(np.float64) @ T[:3, :3].T + T[:3, 3]
     ahead = Y[:, 2] > kernels.MIN_DEPTH
     u, v = np.floor((_project(chamfer.camera, Y[ahead]) + 0.5) / chamfer.cell).astype(int).T
-    _, rows, cols = chamfer.images.shape
-    inside = (u >= 0) & (v >= 0) & (u < cols) & (v < rows)
-    scores = chamfer.images[chamfer.directions[ahead][inside], v[inside], u[inside]]
-    return scores.sum() / max(inside.sum(), chamfer.least)
+    inside = (u >= 0) & (v >= 0) & (u < chamfer.cols - 2) & (v < chamfer.rows - 2)
+    scores = chamfer.scores.reshape(chamfer.rows, chamfer.cols, -1)
+    found = scores[v[inside] + 1, u[inside] + 1, chamfer.directions[ahead][inside]]
+    return found.sum() / max(inside.sum(), chamfer.least)
 
 
 def chamfer_search(score, starts, most_trace, apart_m, step_m, step_rad, halvings, rounds, count):

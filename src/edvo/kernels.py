@@ -1932,7 +1932,7 @@ def chamfer_score(chamfer: Chamfer, T: F64, cells: I32) -> float:
         np.float32(T[2, 3]),
     )
     zero, nearest = np.float32(0), np.float32(MIN_DEPTH)
-    cols, in_view, total = np.int32(chamfer.cols), np.int32(0), np.int32(0)
+    cols, in_view, total = np.int32(chamfer.cols), np.int32(0), np.int64(0)
     for i in range(points.shape[1]):
         x, y, z = points[0, i], points[1, i], points[2, i]
         pz = t20 * x + t21 * y + t22 * z + t23
@@ -1946,7 +1946,7 @@ def chamfer_score(chamfer: Chamfer, T: F64, cells: I32) -> float:
         in_view += np.int32(inside)
     for i in range(cells.size):
         total += chamfer.scores[np.uint32(cells[i])]
-    return total / max(in_view, chamfer.least)
+    return float(total) / max(float(in_view), chamfer.least)
 
 
 @compiled
@@ -1976,7 +1976,7 @@ def chamfer_search(
     for _ in range(starts.shape[0]):
         if count == found.shape[0]:
             break
-        s = np.argmax(values)
+        s = int(np.argmax(values))
         near = False
         for k in range(count):
             trace = 0.0

@@ -1,0 +1,164 @@
+"""Edges that scatter at once: light makes new ones and turns others round, and moves none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from edvo import se3
+from edvo.config import Config, MatchingConfig, RegistrationConfig
+from edvo.odometry import Odometry, Status
+from edvo.registration import Registration
+from edvo.status import Judge
+from edvo.synthesis.sequence import SyntheticSource, make_recipe
+
+from . import problems
+from .test_doubt import dense
+
+SPEED, TURN = 0.5, 10.0  # of a hand
+LEFT = "status.edge_jump=0"
+
+
+@pytest.fixture(scope="module")
+def crisp():
+    """A registration of crisp edges, all of which fit."""
+    problem = problems.segments_problem(0, se3.exp([0.01, 0.0, 0.01, 0.0, 0.01, 0.0]))
+    registration = Registration(problem.camera, MatchingConfig(), RegistrationConfig())
+    found = registration.align(
+        registration.index(problem.reference), problem.samples, np.eye(4)[None]
+    )
+    return replace(found, residuals=np.full(len(found.matches), 0.1), sigma_px=0.2)
+
+
+def judging(alignment, *overrides, frames=30):
+    judge = Judge(Config().with_overrides(overrides))
+    for _ in range(frames):
+        judge.note(alignment)
+    return judge
+
+
+def partly(alignment, inliers, agreeing, sigma_px=0.3):
+    """So large shares of the samples fit, of which all are in their places, and agree."""
+    n = len(alignment.matches)
+    residuals = np.where(np.arange(n) < inliers * n, 0.1, 8.0)
+    counts = {"inliers": round(inliers * n), "agreeing": round(agreeing * n)}
+    return replace(alignment, residuals=residuals, sigma_px=sigma_px, **counts)
+
+
+# ---------------------------------------------------------------------------------- the judge
+
+
+def test_what_is_scattered_is_told_from_the_usual(crisp):
+    judge = judging(crisp)
+    assert not judge.is_scattered(replace(crisp, sigma_px=0.49))
+    assert judge.is_scattered(replace(crisp, sigma_px=0.51))
+    assert not judging(crisp, LEFT).is_scattered(replace(crisp, sigma_px=5.0))
+    assert judge.sharp_px == pytest.approx(0.4)
+
+
+def test_nothing_is_scattered_before_the_usual_is_known(crisp):
+    assert not judging(crisp, frames=0).is_scattered(replace(crisp, sigma_px=50.0))
+
+
+def test_the_usual_is_that_of_late(crisp):
+    judge = judging(crisp)
+    for _ in range(30):
+        judge.note(replace(crisp, sigma_px=0.6))
+    assert not judge.is_scattered(replace(crisp, sigma_px=1.3))
+
+
+def test_edges_in_their_places_are_counted(crisp):
+    some = crisp.residuals.copy()
+    some[:7], some[7:9] = 0.61, np.nan  # beyond three times the usual; without a match
+    assert judging(crisp).in_place(replace(crisp, residuals=some)) == len(some) - 9
+
+
+@pytest.mark.parametrize(("inliers", "agreeing"), [(0.45, 0.44), (0.9, 0.3)])
+def test_enough_edges_in_their_places_are_degraded_not_lost(crisp, inliers, agreeing):
+    seen = partly(crisp, inliers, agreeing)
+    status, reason = judging(crisp).judge(seen, SPEED, TURN, follows=True)
+    assert status is Status.DEGRADED
+    assert "% of the samples fit" in reason
+    for judge, follows in (
+        (judging(crisp), False),  # after a gap it may be anywhere
+        (judging(crisp, LEFT), True),
+        (judging(crisp, frames=0), True),
+    ):
+        assert judge.judge(seen, SPEED, TURN, follows=follows)[0] is Status.LOST
+
+
+def test_too_few_edges_in_their_places_are_lost(crisp):
+    seen = partly(crisp, 0.38, 0.38)
+    assert judging(crisp).judge(seen, SPEED, TURN, follows=True)[0] is Status.LOST
+
+
+def test_where_edges_are_never_crisp_places_tell_nothing(crisp):
+    blurred = replace(crisp, sigma_px=0.8)
+    seen = partly(blurred, 0.9, 0.3, sigma_px=0.8)
+    assert judging(blurred).judge(seen, SPEED, TURN, follows=True)[0] is Status.LOST
+
+
+# -------------------------------------------------------------------------------- registration
+
+
+def test_a_known_scale_keeps_edges_out_that_belong_nowhere():
+    """Three quarters of the samples lie by up to 25 px beside any edge."""
+    worse = 0
+    for seed in range(6):
+        T = se3.exp(np.array([0.004, -0.003, 0.004, 0.001, 0.002, -0.001]))
+        problem = problems.segments_problem(seed, T, outliers=0.75, count=900)
+        matching = MatchingConfig(criterion="robust-then-normal")
+        registration = Registration(problem.camera, matching, RegistrationConfig())
+        index, start = registration.index(problem.reference), np.eye(4)[None]
+        free = registration.align(index, problem.samples, start)
+        bound = registration.align(index, problem.samples, start, max_sigma_px=0.3)
+        assert bound.sigma_px <= 0.3 < free.sigma_px
+        off = [problems.error(T, each.T_ref_cur)[0] for each in (free, bound)]
+        assert off[1] < 0.002
+        worse += off[0] > 2 * off[1]
+    assert worse >= 4
+
+
+# ---------------------------------------------------------------------------------- in a run
+
+
+@pytest.fixture(scope="module")
+def corridor():
+    """A corridor whose lamps swing and jump, in its hardest second and a half."""
+    source = SyntheticSource(make_recipe("corridor", frames=120, light="ambient+diffuse"))
+    frames = [source.read(index).frame for index in range(64, 112)]
+    first = se3.inverse(source.ground_truth.at(frames[0].timestamp))
+    return source.camera, frames, [first @ source.ground_truth.at(f.timestamp) for f in frames]
+
+
+def walked(corridor, *overrides):
+    camera, frames, truth = corridor
+    odometry = Odometry(camera, Config().with_overrides(overrides))
+    results = [odometry.track(frame) for frame in frames]
+    off = [problems.error(T, r.T_world_cam)[0] for T, r in zip(truth, results, strict=True)]
+    return [result.status for result in results], max(off)
+
+
+def test_a_corridor_whose_lamps_jump_is_followed(corridor):
+    statuses, off = walked(corridor)
+    assert Status.LOST not in statuses
+    assert statuses.count(Status.TRACKED) > 40
+    assert off < 0.015
+
+
+def test_without_the_scale_of_late_it_is_not(corridor):
+    statuses, off = walked(corridor, LEFT)
+    assert Status.LOST in statuses
+    assert off > 0.05
+
+
+@pytest.mark.parametrize("size", [0.8, 1.6, 3.0])
+def test_dense_edges_of_another_place_are_lost_however_crisp(size):
+    odometry = Odometry(problems.CAMERA)
+    here, elsewhere = dense(0, size), dense(1, size)
+    for k in range(12):
+        noise = np.random.default_rng(k).normal(0, 1.5, here.grey.shape)
+        grey = np.clip(here.grey + noise, 0, 255).astype(np.uint8)
+        odometry.track(replace(here, timestamp=k / 30, grey=grey))
+    result = odometry.track(replace(elsewhere, timestamp=12 / 30))
+    assert result.status is Status.LOST
