@@ -1,6 +1,7 @@
 """Honest states: frames called tracked that are wrong, and good frames called lost.
 
     python -m benchmarks.honesty [--data FOLDER] [--only office,crowd] [--kinds none,arm]
+    python -m benchmarks.honesty --light ambient+diffuse --severity 0.5 --kinds none
 
 takes the rendered scenes and the real sequences that there are, as they are and broken for a
 second, and prints for each how many frames say ``tracked`` and are wrong, and how many good ones
@@ -19,6 +20,8 @@ back take. A good frame that says ``lost`` counts apart, after a plus sign, wher
 never seen: where, by the truth, of no keyframe taken before it, of images as they were, 65 % of its
 depth points are in view with that keyframe's depth. So many have to fit for a place to be found
 (``status.doubt_inliers``); to be lost is then the only honest answer. Both numbers are printed.
+
+With ``--light`` the lamps of the rendered scenes change, and images of real sequences are relit.
 """
 
 import argparse
@@ -42,6 +45,10 @@ from edvo.evaluation.honesty import error_speed
 from edvo.frame import Frame
 from edvo.odometry import Odometry, Status, TrackedFrame
 from edvo.synthesis.breakage import BREAKAGES, Shown, broken
+from edvo.synthesis.light import LightSignal
+from edvo.synthesis.relighting import Relighter, RelitSource
+from edvo.synthesis.scene import Scene, load_scene
+from edvo.synthesis.scene_lights import scene_light
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
 from edvo.trajectory import Trajectory
 
@@ -72,6 +79,26 @@ BREAKS_AT, BREAK_S, BREAK_FRAMES = 0.4, 1.0, 4  # share of the way; and for how 
 WRONG_M_S, FREEZE_S, RECOVERY_S = 0.1, 0.5, 1.0
 FOREIGN = 45
 POINTS_EVERY, SAME_DEPTH_M, SAME_DEPTH = 16, 0.03, 0.03  # pixels; and how far a depth may be off
+
+
+@dataclass(frozen=True)
+class Light:
+    """A light that changes, or does not."""
+
+    model: str
+    severity: float
+    seed: int
+
+    def of(self, scene: Scene) -> LightSignal:
+        """Let the lamps of a scene change."""
+        state = scene.lights.state()
+        return scene_light(self.model, state, severity=self.severity, seed=self.seed)
+
+    def on(self, source: Source) -> Source:
+        """Relight a source."""
+        if self.model == "constant":
+            return source
+        return RelitSource(source, Relighter(self.model, severity=self.severity, seed=self.seed))
 
 
 @dataclass(frozen=True)
@@ -128,14 +155,17 @@ def main() -> None:
     parser.add_argument("--kinds", default=",".join(KINDS), help="breakages, joined by commas")
     parser.add_argument("--preset", default="default")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
-    parser.add_argument("--seed", type=int, default=SEED, help="of the rendered scenes")
+    parser.add_argument("--seed", type=int, default=SEED, help="of the rendered scenes and light")
+    parser.add_argument("--light", default="constant", help="how it changes: see edvo relight")
+    parser.add_argument("--severity", type=float, default=0.5, help="how hard, up to 1")
     arguments = parser.parse_args()
+    light = Light(arguments.light, arguments.severity, arguments.seed)
     cv2.setNumThreads(1)
     config = Config.preset(arguments.preset).with_overrides(arguments.set)
     names = arguments.only.split(",") if arguments.only else [*SCENES, *REAL]
     kinds = arguments.kinds.split(",")
     rows, notes, sums = [], [], Counter[str]()
-    for recorded, foreign in sequences(names, arguments.data, arguments.seed):
+    for recorded, foreign in sequences(names, arguments.data, light):
         cells = [recorded.name]
         for kind in kinds:
             outcome = judge(recorded, kind, foreign, config)
@@ -156,7 +186,7 @@ def main() -> None:
 
 
 def sequences(
-    names: Sequence[str], data: Path, seed: int
+    names: Sequence[str], data: Path, light: "Light"
 ) -> Iterator[tuple[Recorded, list[Frame]]]:
     """Give each sequence, and frames of another one."""
     foreign: list[Frame] = []
@@ -164,22 +194,25 @@ def sequences(
         if name in REAL and not (data / name).is_dir():
             print(f"{name}: not in {data}; left out")
             continue
-        recorded = load(name, data, seed)
+        recorded = load(name, data, light)
         if not foreign:
             other = next(scene for scene in SCENES if scene != name)
-            foreign = load(other, data, seed, FOREIGN).frames
+            foreign = load(other, data, light, FOREIGN).frames
         yield recorded, foreign
         foreign = recorded.frames[:FOREIGN]
 
 
-def load(name: str, data: Path, seed: int, count: int = FRAMES) -> Recorded:
+def load(name: str, data: Path, light: "Light", count: int = FRAMES) -> Recorded:
     """Render or read the frames; those without depth are left out."""
     first = SCENES.get(name, 0)
-    source: Source = (
-        open_source(data / name)
-        if name in REAL
-        else SyntheticSource(make_recipe(name, frames=first + count, seed=seed))
-    )
+    source: Source
+    if name in REAL:
+        source = light.on(open_source(data / name))
+    else:
+        scene = load_scene(name)
+        lamps = light.of(scene)
+        recipe = make_recipe(scene, frames=first + count, seed=light.seed, light=lamps)
+        source = SyntheticSource(recipe)
     indices = range(first, min(first + count, len(source)))
     readings = read_ahead(source, indices)
     frames = [reading.frame for reading in readings if reading.frame is not None]
