@@ -1,8 +1,9 @@
 """Tracking while the light changes: ``python -m benchmarks.light -o bench``.
 
-Rendered scenes, those of the paper and two more, and the real sequences at hand, each as it is and with the
-paper's light changes (``ambient+diffuse``, 2 Hz, sudden jumps), by edvo and by OpenCV's odometry
-on the same frames in turns. Writes light.md, light.csv and the pictures that it shows.
+Rendered scenes, those of the paper and two more, and the real sequences at hand, each as it is
+and with the paper's light changes (``ambient+diffuse``, 2 Hz, sudden jumps), by edvo and by
+OpenCV's odometry on the same frames in turns. Writes light.md, light.csv and the pictures that it
+shows.
 """
 
 import argparse

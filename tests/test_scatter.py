@@ -87,6 +87,16 @@ def test_enough_edges_in_their_places_are_degraded_not_lost(crisp, inliers, agre
         assert judge.judge(seen, SPEED, TURN, follows=follows)[0] is Status.LOST
 
 
+def test_what_comes_before_the_lens_is_no_light(crisp):
+    before = replace(crisp, plane_points=800)
+    judge, seen = judging(before), partly(before, 0.45, 0.44, sigma_px=0.6)
+    assert judge.is_scattered(seen)
+    hand = replace(seen, plane_points=600)
+    assert not judge.is_scattered(hand)
+    assert judge.judge(seen, SPEED, TURN, follows=True)[0] is Status.DEGRADED
+    assert judge.judge(hand, SPEED, TURN, follows=True)[0] is Status.LOST
+
+
 def test_too_few_edges_in_their_places_are_lost(crisp):
     seen = partly(crisp, 0.38, 0.38)
     assert judging(crisp).judge(seen, SPEED, TURN, follows=True)[0] is Status.LOST

@@ -18,6 +18,7 @@ AS_A_WHOLE = 0.7  # of the edges agree: of people who are followed, hardly ever 
 USUAL_SHARE = 0.1  # that a frame has in how widely edges scatter as a rule
 SHARP, TIGHT = 2.0, 3.0  # times that: the scale to try; within which an edge is in its place
 SHARPEST = 0.5  # of an inlier's residual, what is in its place at most, to tell places apart
+LEFT = 0.8  # of the points on planes, where nothing has come before the lens
 AGREEING_SIGMA = 3.0  # times the sensor's noise, at which depth agrees half
 
 
@@ -44,14 +45,17 @@ class Judge:
         self._alone_share = config.planes.alone_share
         self._usual = math.inf  # the largest sigma_depth of late
         self._usual_px = math.inf  # the mean sigma_px of late
+        self._usual_points = 0.0  # how many points of depth lay on planes
 
     def note(self, alignment: Alignment) -> None:
         """Take note of a registration that is to be trusted.
 
         How badly depth fits differs from camera to camera more than it does in time.
         """
-        before = self._usual_px if math.isfinite(self._usual_px) else alignment.sigma_px
-        self._usual_px = before + USUAL_SHARE * (alignment.sigma_px - before)
+        if math.isinf(self._usual_px):
+            self._usual_px, self._usual_points = alignment.sigma_px, alignment.plane_points
+        self._usual_px += USUAL_SHARE * (alignment.sigma_px - self._usual_px)
+        self._usual_points += USUAL_SHARE * (alignment.plane_points - self._usual_points)
         if alignment.depth_balance:
             faded = 0.0 if math.isinf(self._usual) else FADING * self._usual
             self._usual = max(alignment.sigma_depth, faded)
@@ -157,7 +161,7 @@ class Judge:
         return int(np.count_nonzero(np.abs(alignment.residuals) <= TIGHT * self._usual_px))
 
     def is_scattered(self, alignment: Alignment) -> bool:
-        """Whether edges scatter more widely about their matches than they did of late.
+        """Whether edges scatter more widely about their matches than of late, and depth does not.
 
         Parameters
         ----------
@@ -168,7 +172,12 @@ class Judge:
         bool
         """
         jump = self._status.edge_jump
-        return jump > 0 and alignment.sigma_px > jump * self._usual_px
+        scattered = jump > 0 and alignment.sigma_px > jump * self._usual_px
+        return scattered and self._has_usual_depth(alignment)
+
+    def _has_usual_depth(self, alignment: Alignment) -> bool:
+        """Whether as much depth lies on planes as did of late: light leaves it, a hand does not."""
+        return alignment.plane_points >= LEFT * self._usual_points
 
     def _is_sharp(self, alignment: Alignment) -> bool:
         """Whether so many edges are in their places that light accounts for the others.
@@ -178,7 +187,8 @@ class Judge:
         status = self._status
         if not status.edge_jump or TIGHT * self._usual_px > SHARPEST * status.inlier_px:
             return False
-        return self.in_place(alignment) >= status.min_agreeing * len(alignment.matches)
+        enough = status.min_agreeing * len(alignment.matches)
+        return self._has_usual_depth(alignment) and self.in_place(alignment) >= enough
 
     def fits_poorly(self, alignment: Alignment) -> bool:
         """Whether so few samples fit that a pose is in doubt.
