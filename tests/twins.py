@@ -294,8 +294,8 @@ def align(edges, points, gradients, camera, T, robust_criterion, normal_criterio
         now, damping, rejections, accepted = look(T), solver.damping, 0, True
         while iterations < solver.max_iterations:
             if accepted:
-                sigma = min(scale(now.residuals, sigma, solver), solver.max_sigma)
-                sigma = max(sigma, floor)
+                sigma = max(scale(now.residuals, sigma, solver), floor)
+                sigma = min(sigma, solver.max_sigma)
                 J = jacobian(now, camera)
                 W = robust.weights(now.residuals / sigma, function, solver.tuning)
                 H, b = J.T @ (W[:, None] * J), J.T @ (W * now.residuals)

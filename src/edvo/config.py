@@ -340,8 +340,9 @@ class StatusConfig(Section):
     edge_jump: NotNegative = Field(
         default=2.5,
         description="a frame whose edges scatter about their matches by so many times what they "
-        "did of late is registered anew from each of its starts, by the scale of late; 0 leaves "
-        "it. Not in the paper",
+        "did of late, while depth lies on the keyframe's planes as ever, is registered anew by the "
+        "scale of late; and one that is followed closely is degraded, not lost, if that share "
+        "(min_agreeing) of its edges still are in their places. 0 leaves both. Not in the paper",
     )
     depth_jump: Positive = Field(
         default=3.0,

@@ -1713,9 +1713,10 @@ def align(
                 reason = TOO_FEW
                 break
             if stale:
-                sigma = min(scale_of(residuals, count, sigma, solver), solver.max_sigma)
+                sigma = scale_of(residuals, count, sigma, solver)
                 if stage < last_stage:
                     sigma = max(sigma, solver.first_sigma)
+                sigma = min(sigma, solver.max_sigma)
                 cost = mean_cost(residuals, count, taken, sigma, criterion.limit, solver)
                 total = normal_equations(camera, solver, sigma, matches, residuals, H, b)
                 balance = 0.0

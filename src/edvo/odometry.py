@@ -27,7 +27,7 @@ from edvo.planes import DepthTerm, PlaneFitter
 from edvo.registration import AT_ONCE, Alignment, Registration
 from edvo.search import Search, Seen, is_apart
 from edvo.sharing import SharedErrors
-from edvo.status import Judge, Status, speed_of
+from edvo.status import Judge, Status, agreement, speed_of
 from edvo.tracked import TrackedFrame
 from edvo.trajectory import Trajectory
 from edvo.uncertainty import Uncertainty, degenerate_directions, describe, in_current_camera
@@ -309,8 +309,12 @@ class Odometry:
         far = self._is_far_step(timestamp)
         scattered = not far and self._judge.is_scattered(alignment)
         if scattered:
+            self._judge.note_scattered()
             with self._clock("search"):
                 alignment = self._sharpest(seen, starts, term, alignment)
+        elif far and alignment.sigma_depth > self.config.status.max_depth_sigma:
+            with self._clock("search"):
+                alignment = self._on_planes(seen, term, alignment)
         status, reason = self._assess(alignment, timestamp)
         if not self.config.motion.search_deg or (status is Status.TRACKED and not far):
             return alignment, status, reason
@@ -358,6 +362,20 @@ class Odometry:
             for start in begun
         ]
         return max((found, *tried), key=self._judge.in_place)
+
+    def _on_planes(self, seen: Seen, term: DepthTerm, found: Alignment) -> Alignment:
+        """Register from where depth alone leads, and take what edges and depth agree on best.
+
+        A turn and a way to the side move edges all but alike; of the planes a turn tilts each.
+        """
+        assert self._keyframe is not None
+        key, points = self._keyframe, seen.points
+        level, _ = self._depth_alone.align(key, seen.samples, points, found.T_ref_cur)
+        start = level.T_ref_cur[None]
+        again = self._registration.align(
+            key.edges, seen.samples, start, key.planes, points, term, self._lag(seen)
+        )
+        return max((found, again), key=lambda each: agreement(each, key.planes, points))
 
     @property
     def _leaves_out(self) -> bool:

@@ -19,6 +19,9 @@ USUAL_SHARE = 0.1  # that a frame has in how widely edges scatter as a rule
 SHARP, TIGHT = 2.0, 3.0  # times that: the scale to try; within which an edge is in its place
 SHARPEST = 0.5  # of an inlier's residual, what is in its place at most, to tell places apart
 LEFT = 0.8  # of the points on planes, where nothing has come before the lens
+CHANCE = 0.28  # a quarter of the samples agree by chance where edges are dense
+LEAST_USUAL_PX = 0.1  # between frames of a camera at rest edges scatter less, and of another not
+WIDENING = 1.03  # of the usual, by a frame that is scattered: else a lasting change would stay one
 AGREEING_SIGMA = 3.0  # times the sensor's noise, at which depth agrees half
 
 
@@ -31,7 +34,7 @@ class Status(enum.Enum):
 
 
 class Judge:
-    """Judges registrations, and remembers how well depth fitted where all was well.
+    """Judges registrations, and remembers how well edges and depth fitted where all was well.
 
     Parameters
     ----------
@@ -43,6 +46,7 @@ class Judge:
         self._status = config.status
         self._motion = config.motion
         self._alone_share = config.planes.alone_share
+        self._least_points = config.planes.min_points
         self._usual = math.inf  # the largest sigma_depth of late
         self._usual_px = math.inf  # the mean sigma_px of late
         self._usual_points = 0.0  # how many points of depth lay on planes
@@ -50,11 +54,12 @@ class Judge:
     def note(self, alignment: Alignment) -> None:
         """Take note of a registration that is to be trusted.
 
-        How badly depth fits differs from camera to camera more than it does in time.
+        How badly edges and depth fit differs from camera to camera more than it does in time.
         """
+        sigma_px = max(alignment.sigma_px, LEAST_USUAL_PX)
         if math.isinf(self._usual_px):
-            self._usual_px, self._usual_points = alignment.sigma_px, alignment.plane_points
-        self._usual_px += USUAL_SHARE * (alignment.sigma_px - self._usual_px)
+            self._usual_px, self._usual_points = sigma_px, alignment.plane_points
+        self._usual_px += USUAL_SHARE * (sigma_px - self._usual_px)
         self._usual_points += USUAL_SHARE * (alignment.plane_points - self._usual_points)
         if alignment.depth_balance:
             faded = 0.0 if math.isinf(self._usual) else FADING * self._usual
@@ -85,8 +90,8 @@ class Judge:
             return Status.LOST, alignment.reason
         status = self._status
         fitting, agreeing = status.min_inliers, status.min_agreeing
-        if follows and self._is_sharp(alignment):  # as hardly any are that belong elsewhere
-            fitting, agreeing = min(fitting, agreeing), 0.0
+        if follows and self._is_sharp(alignment):
+            fitting, agreeing = min(fitting, agreeing), min(CHANCE, agreeing)
         if misfit := _misfit(alignment, fitting, agreeing):
             return Status.LOST, misfit
         if jump := self._jump(speed, turn):
@@ -158,6 +163,8 @@ class Judge:
         -------
         int
         """
+        if alignment.reason in FAILURES:
+            return 0
         return int(np.count_nonzero(np.abs(alignment.residuals) <= TIGHT * self._usual_px))
 
     def is_scattered(self, alignment: Alignment) -> bool:
@@ -172,12 +179,19 @@ class Judge:
         bool
         """
         jump = self._status.edge_jump
-        scattered = jump > 0 and alignment.sigma_px > jump * self._usual_px
+        if not jump or alignment.reason in FAILURES:
+            return False
+        scattered = alignment.sigma_px > jump * self._usual_px
         return scattered and self._has_usual_depth(alignment)
+
+    def note_scattered(self) -> None:
+        """Take note of a registration whose edges are scattered."""
+        self._usual_px *= WIDENING
 
     def _has_usual_depth(self, alignment: Alignment) -> bool:
         """Whether as much depth lies on planes as did of late: light leaves it, a hand does not."""
-        return alignment.plane_points >= LEFT * self._usual_points
+        known = self._usual_points >= self._least_points
+        return known and alignment.plane_points >= LEFT * self._usual_points
 
     def _is_sharp(self, alignment: Alignment) -> bool:
         """Whether so many edges are in their places that light accounts for the others.
@@ -185,7 +199,8 @@ class Judge:
         It makes new ones, and turns the gradient of an edge round that is lit from the other side.
         """
         status = self._status
-        if not status.edge_jump or TIGHT * self._usual_px > SHARPEST * status.inlier_px:
+        asked = status.edge_jump > 0 and status.min_agreeing > 0
+        if not asked or TIGHT * self._usual_px > SHARPEST * status.inlier_px:
             return False
         enough = status.min_agreeing * len(alignment.matches)
         return self._has_usual_depth(alignment) and self.in_place(alignment) >= enough
