@@ -156,7 +156,7 @@ def main() -> None:
     parser.add_argument("--preset", default="default")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
     parser.add_argument("--seed", type=int, default=SEED, help="of the rendered scenes and light")
-    parser.add_argument("--light", default="constant", help="how it changes: see edvo relight")
+    parser.add_argument("--light", default="constant", help="ambient+diffuse, exposure, fade")
     parser.add_argument("--severity", type=float, default=0.5, help="how hard, up to 1")
     arguments = parser.parse_args()
     light = Light(arguments.light, arguments.severity, arguments.seed)

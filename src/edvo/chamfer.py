@@ -196,8 +196,8 @@ def score_image(edges: EdgePixels, width: int, height: int) -> NDArray[np.uint8]
     Returns
     -------
     ndarray of uint8, shape (rows + 2, cols + 2, DIRECTIONS)
-        255 on an edge of this direction or of one beside it, 0 from ``REACH_CELLS`` on, and in
-        the first and last row and column, which lie beside the image.
+        255 on an edge of this direction or of one beside it, next to 0 from ``REACH_CELLS`` on, and
+        0 in the first and last row and column, which lie beside the image.
     """
     rows, cols = math.ceil(height / CELL_PX), math.ceil(width / CELL_PX)
     scores = np.zeros((rows + 2, cols + 2, kernels.DIRECTIONS), np.uint8)

@@ -323,7 +323,8 @@ class StatusConfig(Section):
     )
     min_inliers: Fraction = Field(
         default=0.5,
-        description="share of the samples that are inliers, below which the frame is lost",
+        description="share of the samples that are inliers, below which the frame is lost (but see "
+        "edge_jump)",
     )
     doubt_inliers: Fraction = Field(
         default=0.65, description="share below which a tracked frame is called degraded"
