@@ -872,6 +872,7 @@ def scan_window(
             distance = du * du + dv * dv
             dot = points[i, 2] * guf + points[i, 3] * gvf
             cost = distance + direction * (dot - one) * (dot - one)
+            # most fail here, which a processor foresees, while half of them are outside the circle
             if cost < bar and distance <= square and dot >= min_dot:
                 if cost < first:
                     other = min(first, other)

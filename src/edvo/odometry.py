@@ -351,15 +351,12 @@ class Odometry:
         """
         assert self._keyframe is not None
         key, lag, scale = self._keyframe, self._lag(seen), self._judge.sharp_px
-        begun = [*starts, found.T_ref_cur]
-        if self._fitter.is_on:
-            by_depth, _ = self._depth_alone.align(key, seen.samples, seen.points, starts[0])
-            begun.append(by_depth.T_ref_cur)
+        by_depth, _ = self._depth_alone.align(key, seen.samples, seen.points, starts[0])
         tried = [
             self._registration.align(
                 key.edges, seen.samples, start[None], key.planes, seen.points, term, lag, scale
             )
-            for start in begun
+            for start in (*starts, found.T_ref_cur, by_depth.T_ref_cur)
         ]
         return max((found, *tried), key=self._judge.in_place)
 
