@@ -18,7 +18,7 @@ from edvo.frame import Frame
 from edvo.matching import Criterion, EdgeIndex
 from edvo.odometry import Odometry, Status
 from edvo.planes import PlaneFitter, PlaneMap, PlanePoints
-from edvo.registration import Registration
+from edvo.registration import AT_ONCE, Registration
 from edvo.report.sights import look
 from edvo.search import Seen
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
@@ -164,7 +164,15 @@ def test_less_than_half_is_not_followed_where_depth_is_out_of_step(
         still = register(*given)
         assert still is not None
         seen = replace(still.seen, samples=given[1].samples.every(stride))
-        there = replace(still.alignment, T_ref_cur=still.alignment.T_ref_cur @ aside)
+        n, found = len(seen.samples), still.alignment
+        there = replace(
+            found,
+            T_ref_cur=found.T_ref_cur @ aside,
+            matches=np.resize(found.matches, n),
+            residuals=np.resize(found.residuals, n),
+            pixels=np.resize(found.pixels, (n, 2)),
+            lag=AT_ONCE,
+        )
         return replace(still, seen=seen, alignment=there)
 
     monkeypatch.setattr(odometry._background, "register", astray)

@@ -506,7 +506,7 @@ def fit_rays(edges, rays, gradients, camera, T, near_px, angle_deg, inverse_dept
 
 def directions_of(gradients):
     """Sort gradients into eighths of a full turn."""
-    turns = np.arctan2(gradients[:, 1], gradients[:, 0]).astype(np.float64) * (8 / (2 * np.pi))
+    turns = np.arctan2(*gradients.T[::-1].astype(np.float64)) * (8 / (2 * np.pi))
     return np.floor(turns).astype(int) % 8
 
 

@@ -358,7 +358,8 @@ class Odometry:
             )
             for start in (*starts, found.T_ref_cur, by_depth.T_ref_cur)
         ]
-        return max((found, *tried), key=self._judge.in_place)
+        best = max(tried, key=self._judge.in_place)
+        return best if self._judge.is_sharper(best, found) else found
 
     def _on_planes(self, seen: Seen, term: DepthTerm, found: Alignment) -> Alignment:
         """Register from where depth alone leads, and take what edges and depth agree on best.

@@ -18,6 +18,8 @@ AS_A_WHOLE = 0.7  # of the edges agree: of people who are followed, hardly ever 
 USUAL_SHARE = 0.1  # that a frame has in how widely edges scatter as a rule
 SHARP, TIGHT = 2.0, 3.0  # times that: the scale to try; within which an edge is in its place
 SHARPEST = 0.5  # of an inlier's residual, what is in its place at most, to tell places apart
+SHARPER = 1.1  # times as many edges in their places: more than chance
+NO_WORSE = 0.95  # times what depth fitted: no less than chance
 LEFT = 0.8  # of the points on planes, where nothing has come before the lens
 CHANCE = 0.28  # a quarter of the samples agree by chance where edges are dense
 LEAST_USUAL_PX = 0.1  # between frames of a camera at rest edges scatter less, and of another not
@@ -183,6 +185,27 @@ class Judge:
             return False
         scattered = alignment.sigma_px > jump * self._usual_px
         return scattered and self._has_usual_depth(alignment)
+
+    def is_sharper(self, alignment: Alignment, other: Alignment) -> bool:
+        """Whether a registration puts clearly more edges in their places, and depth no worse.
+
+        Light leaves two crowds of edges, and depth as it is; a shutter that rolls, or blur, widens
+        the only crowd, and a stamp that is wrong moves depth, too.
+
+        Parameters
+        ----------
+        alignment, other : Alignment
+
+        Returns
+        -------
+        bool
+        """
+        fits, fitted = (
+            each.plane_points / (1 + each.sigma_depth / AGREEING_SIGMA)
+            for each in (alignment, other)
+        )
+        more = self.in_place(alignment) > SHARPER * self.in_place(other)
+        return more and fits > NO_WORSE * fitted
 
     def note_scattered(self) -> None:
         """Take note of a registration whose edges are scattered."""
