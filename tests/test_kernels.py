@@ -2,8 +2,10 @@
 
 import ast
 import inspect
+import itertools
 import re
 import time
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -617,6 +619,31 @@ def test_align(seed, weight, max_sigma):
     assert alignment.iterations == iterations
     assert alignment.sigma_px <= max_sigma
     assert (alignment.matches == seen.matches).mean() > 0.98  # ties aside
+
+
+def test_a_step_that_was_rejected_is_not_tried_again(monkeypatch):
+    """Damping far below 1 shortens it by nothing that counts."""
+    calls, again = [], []
+    warp = kernels.warp_and_match
+    monkeypatch.setattr(kernels, "warp_and_match", lambda *given: calls.append(1) or warp(*given))
+    monkeypatch.setattr(kernels, "align", kernels.align.py_func)
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        problem = problems.segments_problem(seed, problems.motion(rng, 0.02, 1.0), outliers=0.5)
+        shaken = problem.samples.pixels + rng.normal(0, 1, problem.samples.pixels.shape)
+        samples = replace(problem.samples, pixels=shaken.astype(np.float32))
+        config = RegistrationConfig(stop_px=1e-9, stop_decrease=0.0, weight="tukey")
+        registration = Registration(problem.camera, MatchingConfig(), config)
+        index = registration.index(problem.reference)
+        calls.clear()
+        steps = registration.align(index, samples, np.eye(4)[None]).steps()
+        pairs = [(a, b) for a, b in itertools.pairwise(steps) if not (a.accepted or b.accepted)]
+        same = [(a, b) for a, b in pairs if b.step_px > (1 - kernels.SAME_STEP) * a.step_px]
+        assert all(b.trial_cost == a.trial_cost for a, b in same)
+        tried = sum(not np.isnan(step.trial_cost) for step in steps)
+        assert len(calls) == 2 + tried - len(same)  # each stage begins with one
+        again += same
+    assert again
 
 
 def test_align_on_rendered_images():

@@ -8,8 +8,8 @@ import pytest
 from edvo import se3
 from edvo.config import Config, MatchingConfig, RegistrationConfig
 from edvo.odometry import Odometry, Status
-from edvo.registration import Registration
-from edvo.status import FAILURES, Judge
+from edvo.registration import FAILURES, Registration
+from edvo.status import Judge
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
 
 from . import problems
@@ -51,27 +51,39 @@ def partly(alignment, inliers, agreeing, sigma_px=0.3):
 
 def test_what_is_scattered_is_told_from_the_usual(crisp):
     judge = judging(crisp)
-    assert not judge.is_scattered(replace(crisp, sigma_px=0.49))
-    assert judge.is_scattered(replace(crisp, sigma_px=0.51))
-    assert not judging(crisp, LEFT).is_scattered(replace(crisp, sigma_px=5.0))
-    assert judge.sharp_px == pytest.approx(0.4)
+    assert not judge.scatter.is_wide(replace(crisp, sigma_px=0.49))
+    assert judge.scatter.is_wide(replace(crisp, sigma_px=0.51))
+    assert not judging(crisp, LEFT).scatter.is_wide(replace(crisp, sigma_px=5.0))
+    assert judge.scatter.sharp_px == pytest.approx(0.4)
 
 
 def test_nothing_is_scattered_before_the_usual_is_known(crisp):
-    assert not judging(crisp, frames=0).is_scattered(replace(crisp, sigma_px=50.0))
+    assert not judging(crisp, frames=0).scatter.is_wide(replace(crisp, sigma_px=50.0))
 
 
 def test_the_usual_is_that_of_late(crisp):
     judge = judging(crisp)
     for _ in range(30):
         judge.note(replace(crisp, sigma_px=0.6))
-    assert not judge.is_scattered(replace(crisp, sigma_px=1.3))
+    assert not judge.scatter.is_wide(replace(crisp, sigma_px=1.3))
 
 
 def test_edges_in_their_places_are_counted(crisp):
     some = crisp.residuals.copy()
     some[:7], some[7:9] = 0.61, np.nan  # beyond three times the usual; without a match
-    assert judging(crisp).in_place(replace(crisp, residuals=some)) == len(some) - 9
+    assert judging(crisp).scatter.in_place(replace(crisp, residuals=some)) == len(some) - 9
+
+
+def test_sharper_is_clearly_more_in_place_with_depth_no_worse(crisp):
+    scatter = judging(crisp).scatter
+    before = partly(crisp, 0.5, 0.5)
+    more = partly(crisp, 0.6, 0.5)
+    assert scatter.is_sharper(more, before)
+    assert not scatter.is_sharper(before, more)
+    assert not scatter.is_sharper(partly(crisp, 0.54, 0.5), before)  # a tenth more is chance
+    assert not scatter.is_sharper(replace(more, plane_points=700), before)
+    assert not scatter.is_sharper(replace(more, sigma_depth=crisp.sigma_depth + 1), before)
+    assert not scatter.is_sharper(replace(more, reason=FAILURES[1]), before)
 
 
 @pytest.mark.parametrize(("inliers", "agreeing"), [(0.45, 0.44), (0.9, 0.3)])
@@ -90,9 +102,9 @@ def test_enough_edges_in_their_places_are_degraded_not_lost(crisp, inliers, agre
 
 def test_what_comes_before_the_lens_is_no_light(crisp):
     judge, seen = judging(crisp), partly(crisp, 0.45, 0.44, sigma_px=0.6)
-    assert judge.is_scattered(seen)
+    assert judge.scatter.is_wide(seen)
     hand = replace(seen, plane_points=600)
-    assert not judge.is_scattered(hand)
+    assert not judge.scatter.is_wide(hand)
     assert judge.judge(seen, SPEED, TURN, follows=True)[0] is Status.DEGRADED
     assert judge.judge(hand, SPEED, TURN, follows=True)[0] is Status.LOST
 
@@ -203,16 +215,16 @@ def test_a_lasting_change_becomes_the_usual(crisp):
     judge = judging(crisp)
     wide = replace(crisp, sigma_px=1.2)
     for _ in range(20):
-        assert judge.is_scattered(wide)
-        judge.note_scattered()
+        assert judge.scatter.is_wide(wide)
+        judge.scatter.widen()
     for _ in range(20):
-        judge.note_scattered()
-    assert not judge.is_scattered(wide)
+        judge.scatter.widen()
+    assert not judge.scatter.is_wide(wide)
 
 
 def test_without_depth_on_planes_nothing_is_told_from_a_hand(crisp):
     bare = replace(crisp, plane_points=0)
-    assert not judging(bare).is_scattered(replace(bare, sigma_px=5.0))
+    assert not judging(bare).scatter.is_wide(replace(bare, sigma_px=5.0))
     seen = partly(bare, 0.45, 0.44)
     assert judging(bare).judge(seen, SPEED, TURN, follows=True)[0] is Status.LOST
 
@@ -220,5 +232,5 @@ def test_without_depth_on_planes_nothing_is_told_from_a_hand(crisp):
 def test_a_registration_that_failed_is_not_scattered_and_wins_nothing(crisp):
     failed = replace(crisp, sigma_px=5.0, reason=FAILURES[0])
     judge = judging(crisp)
-    assert not judge.is_scattered(failed)
-    assert judge.in_place(failed) == 0
+    assert not judge.scatter.is_wide(failed)
+    assert judge.scatter.in_place(failed) == 0

@@ -1648,6 +1648,7 @@ def align(
     the residuals that it predicts. Writes T, H (weights included), index (of the matches among
     the reference edges, NO_MATCH where none), residuals (packed, in sample order) and history, a
     row an iteration: stage, matches, sigma, cost, step, damping, accepted, cost of the trial.
+    A step all but equal to one that was rejected is not tried again, and has that one's cost.
     Points of the current depth image pull towards planes of the reference, where there are any:
     their term has a scale of its own, sigma_d, and counts less the more that exceeds the sensor's
     noise, since such errors are not independent of one another. H and b stay in px^2. Where depth

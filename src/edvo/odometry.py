@@ -307,9 +307,9 @@ class Odometry:
                 key.edges, seen.samples, starts, key.planes, seen.points, term, self._lag(seen)
             )
         far = self._is_far_step(timestamp)
-        scattered = not far and self._judge.is_scattered(alignment)
+        scattered = not far and self._judge.scatter.is_wide(alignment)
         if scattered:
-            self._judge.note_scattered()
+            self._judge.scatter.widen()
             with self._clock("search"):
                 alignment = self._sharpest(seen, starts, term, alignment)
         elif far and alignment.sigma_depth > self.config.status.max_depth_sigma:
@@ -321,7 +321,7 @@ class Odometry:
         with self._clock("search"):
             if status is not Status.TRACKED:
                 other = self._search.around(key, self._T_key_last, seen, alignment)
-                in_place = self._judge.in_place
+                in_place = self._judge.scatter.in_place
                 if not scattered or in_place(other) > in_place(alignment):
                     alignment = other
                 status, reason = self._assess(alignment, timestamp)
@@ -350,16 +350,17 @@ class Odometry:
         that one more start is where it leads from the first.
         """
         assert self._keyframe is not None
-        key, lag, scale = self._keyframe, self._lag(seen), self._judge.sharp_px
-        by_depth, _ = self._depth_alone.align(key, seen.samples, seen.points, starts[0])
+        key, lag, scatter = self._keyframe, self._lag(seen), self._judge.scatter
+        points, scale = seen.points, scatter.sharp_px
+        by_depth, _ = self._depth_alone.align(key, seen.samples, points, starts[0])
         tried = [
             self._registration.align(
-                key.edges, seen.samples, start[None], key.planes, seen.points, term, lag, scale
+                key.edges, seen.samples, start[None], key.planes, points, term, lag, scale
             )
             for start in (*starts, found.T_ref_cur, by_depth.T_ref_cur)
         ]
-        best = max(tried, key=self._judge.in_place)
-        return best if self._judge.is_sharper(best, found) else found
+        best = max(tried, key=scatter.in_place)
+        return best if scatter.is_sharper(best, found) else found
 
     def _on_planes(self, seen: Seen, term: DepthTerm, found: Alignment) -> Alignment:
         """Register from where depth alone leads, and take what edges and depth agree on best.

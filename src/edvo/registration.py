@@ -31,6 +31,7 @@ REASONS = {
     kernels.TOO_FEW: "too few matches",
     kernels.SINGULAR: "edges do not constrain the motion",
 }
+FAILURES = (REASONS[kernels.TOO_FEW], REASONS[kernels.SINGULAR])
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,8 +16,8 @@ from edvo.frame import Frame
 from edvo.keyframes import Keyframe, KeyframeStore
 from edvo.matching import EdgeIndex
 from edvo.planes import DepthTerm, PlaneFitter, PlaneMap, PlanePoints
-from edvo.registration import Alignment, Registration
-from edvo.status import FAILURES, Judge, agreement
+from edvo.registration import FAILURES, Alignment, Registration
+from edvo.status import Judge, agreement
 
 STRIDE = 4  # a search takes one sample in so many
 LOOP_M, LOOP_RAD = 0.03, math.radians(1.5)  # that a frame found again may be off, both ways

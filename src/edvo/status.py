@@ -6,25 +6,16 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from edvo import kernels, se3
+from edvo import se3
 from edvo.config import Config
 from edvo.planes import PlaneMap, PlanePoints
-from edvo.registration import REASONS, Alignment
+from edvo.registration import FAILURES, Alignment
+from edvo.scatter import Scatter, fitting_depth
 
-FAILURES = (REASONS[kernels.TOO_FEW], REASONS[kernels.SINGULAR])
 MILD_SIGMA = 1.5  # times the sensor's noise, up to which depth raises no doubt
 FADING = 0.97  # a frame, of the worst fit of depth seen of late
 AS_A_WHOLE = 0.7  # of the edges agree: of people who are followed, hardly ever so many
-USUAL_SHARE = 0.1  # that a frame has in how widely edges scatter as a rule
-SHARP, TIGHT = 2.0, 3.0  # times that: the scale to try; within which an edge is in its place
-SHARPEST = 0.5  # of an inlier's residual, what is in its place at most, to tell places apart
-SHARPER = 1.1  # times as many edges in their places: more than chance
-NO_WORSE = 0.95  # times what depth fitted: no less than chance
-LEFT = 0.8  # of the points on planes, where nothing has come before the lens
 CHANCE = 0.28  # a quarter of the samples agree by chance where edges are dense
-LEAST_USUAL_PX = 0.1  # between frames of a camera at rest edges scatter less, and of another not
-WIDENING = 1.03  # of the usual, by a frame that is scattered: else a lasting change would stay one
-AGREEING_SIGMA = 3.0  # times the sensor's noise, at which depth agrees half
 
 
 class Status(enum.Enum):
@@ -42,27 +33,26 @@ class Judge:
     ----------
     config : Config
         Its bounds of status and motion.
+
+    Attributes
+    ----------
+    scatter : Scatter
+        How widely edges scatter about their matches.
     """
 
     def __init__(self, config: Config) -> None:
         self._status = config.status
         self._motion = config.motion
         self._alone_share = config.planes.alone_share
-        self._least_points = config.planes.min_points
+        self.scatter = Scatter(config)
         self._usual = math.inf  # the largest sigma_depth of late
-        self._usual_px = math.inf  # the mean sigma_px of late
-        self._usual_points = 0.0  # how many points of depth lay on planes
 
     def note(self, alignment: Alignment) -> None:
         """Take note of a registration that is to be trusted.
 
         How badly edges and depth fit differs from camera to camera more than it does in time.
         """
-        sigma_px = max(alignment.sigma_px, LEAST_USUAL_PX)
-        if math.isinf(self._usual_px):
-            self._usual_px, self._usual_points = sigma_px, alignment.plane_points
-        self._usual_px += USUAL_SHARE * (sigma_px - self._usual_px)
-        self._usual_points += USUAL_SHARE * (alignment.plane_points - self._usual_points)
+        self.scatter.note(alignment)
         if alignment.depth_balance:
             faded = 0.0 if math.isinf(self._usual) else FADING * self._usual
             self._usual = max(alignment.sigma_depth, faded)
@@ -81,7 +71,7 @@ class Judge:
             And turned by, degrees a second.
         follows : bool
             Whether it follows closely on the last pose: depth that is as far off as it was there
-            contradicts nothing.
+            contradicts nothing, and fewer edges may fit if enough are in their places.
 
         Returns
         -------
@@ -92,7 +82,7 @@ class Judge:
             return Status.LOST, alignment.reason
         status = self._status
         fitting, agreeing = status.min_inliers, status.min_agreeing
-        if follows and self._is_sharp(alignment):
+        if follows and self.scatter.is_sharp(alignment):
             fitting, agreeing = min(fitting, agreeing), min(CHANCE, agreeing)
         if misfit := _misfit(alignment, fitting, agreeing):
             return Status.LOST, misfit
@@ -148,85 +138,6 @@ class Judge:
         if speed > self._motion.max_speed_m_s or turn > self._motion.max_turn_deg_s:
             return f"implausible jump: {speed:.1f} m/s, {turn:.0f} deg/s"
         return ""
-
-    @property
-    def sharp_px(self) -> float:
-        """Scale of the residuals, px, that is hardly exceeded; infinite while none is known."""
-        return SHARP * self._usual_px
-
-    def in_place(self, alignment: Alignment) -> int:
-        """Count the edges that lie where edges that fit do.
-
-        Parameters
-        ----------
-        alignment : Alignment
-
-        Returns
-        -------
-        int
-        """
-        if alignment.reason in FAILURES:
-            return 0
-        return int(np.count_nonzero(np.abs(alignment.residuals) <= TIGHT * self._usual_px))
-
-    def is_scattered(self, alignment: Alignment) -> bool:
-        """Whether edges scatter more widely about their matches than of late, and depth does not.
-
-        Parameters
-        ----------
-        alignment : Alignment
-
-        Returns
-        -------
-        bool
-        """
-        jump = self._status.edge_jump
-        if not jump or alignment.reason in FAILURES:
-            return False
-        scattered = alignment.sigma_px > jump * self._usual_px
-        return scattered and self._has_usual_depth(alignment)
-
-    def is_sharper(self, alignment: Alignment, other: Alignment) -> bool:
-        """Whether a registration puts clearly more edges in their places, and depth no worse.
-
-        Light leaves two crowds of edges, and depth as it is; a shutter that rolls, or blur, widens
-        the only crowd, and a stamp that is wrong moves depth, too.
-
-        Parameters
-        ----------
-        alignment, other : Alignment
-
-        Returns
-        -------
-        bool
-        """
-        fits, fitted = (
-            each.plane_points / (1 + each.sigma_depth / AGREEING_SIGMA)
-            for each in (alignment, other)
-        )
-        more = self.in_place(alignment) > SHARPER * self.in_place(other)
-        return more and fits > NO_WORSE * fitted
-
-    def note_scattered(self) -> None:
-        """Take note of a registration whose edges are scattered."""
-        self._usual_px *= WIDENING
-
-    def _has_usual_depth(self, alignment: Alignment) -> bool:
-        """Whether as much depth lies on planes as did of late: light leaves it, a hand does not."""
-        known = self._usual_points >= self._least_points
-        return known and alignment.plane_points >= LEFT * self._usual_points
-
-    def _is_sharp(self, alignment: Alignment) -> bool:
-        """Whether so many edges are in their places that light accounts for the others.
-
-        It makes new ones, and turns the gradient of an edge round that is lit from the other side.
-        """
-        status = self._status
-        asked = status.edge_jump > 0 and status.min_agreeing > 0
-        if not asked or TIGHT * self._usual_px > SHARPEST * status.inlier_px:
-            return False
-        enough = status.min_agreeing * len(alignment.matches)
-        return self._has_usual_depth(alignment) and self.in_place(alignment) >= enough
 
     def fits_poorly(self, alignment: Alignment) -> bool:
         """Whether so few samples fit that a pose is in doubt.
@@ -333,5 +244,4 @@ def agreement(alignment: Alignment, planes: PlaneMap, points: PlanePoints) -> fl
     edges = alignment.agreeing / len(alignment.matches)
     if not len(points.sigma) or not planes.offsets.any():
         return edges
-    near = alignment.plane_points / len(points.sigma)
-    return edges * near / (1 + alignment.sigma_depth / AGREEING_SIGMA)
+    return edges * fitting_depth(alignment) / len(points.sigma)

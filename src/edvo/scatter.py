@@ -1,0 +1,144 @@
+"""How widely edges scatter about their matches of late: light makes new ones, and moves none."""
+
+import math
+
+import numpy as np
+
+from edvo.config import Config
+from edvo.registration import FAILURES, Alignment
+
+SHARE = 0.1  # that a frame has in the usual
+LEAST_PX = 0.1  # between frames of a camera at rest edges scatter less, and of another not
+WIDENING = 1.03  # of the usual, by a frame that is scattered: else a lasting change would stay one
+SHARP, TIGHT = 2.0, 3.0  # times the usual: the scale to try; within which an edge is in its place
+SHARPEST = 0.5  # of an inlier's residual, what is in its place at most, to tell places apart
+SHARPER = 1.1  # times as many edges in their places: more than chance
+NO_WORSE = 0.95  # times what depth fitted: no less than chance
+LEFT = 0.8  # of the points on planes, where nothing has come before the lens
+AGREEING_SIGMA = 3.0  # times the sensor's noise, at which depth agrees half
+
+
+class Scatter:
+    """Remembers the usual scale of the residuals, and tells what is unlike it.
+
+    Parameters
+    ----------
+    config : Config
+        Its ``status.edge_jump``, and the bounds that go with it.
+    """
+
+    def __init__(self, config: Config) -> None:
+        self._status = config.status
+        self._least_points = config.planes.min_points
+        self._usual_px = math.inf  # the mean sigma_px of late
+        self._usual_points = 0.0  # how many points of depth lay on planes
+
+    @property
+    def sharp_px(self) -> float:
+        """Scale of the residuals, px, that is hardly exceeded; infinite while none is known."""
+        return SHARP * self._usual_px
+
+    def note(self, alignment: Alignment) -> None:
+        """Take note of a registration that is to be trusted.
+
+        Parameters
+        ----------
+        alignment : Alignment
+        """
+        sigma_px = max(alignment.sigma_px, LEAST_PX)
+        if math.isinf(self._usual_px):
+            self._usual_px, self._usual_points = sigma_px, alignment.plane_points
+        self._usual_px += SHARE * (sigma_px - self._usual_px)
+        self._usual_points += SHARE * (alignment.plane_points - self._usual_points)
+
+    def widen(self) -> None:
+        """Take note of a registration whose edges are scattered."""
+        self._usual_px *= WIDENING
+
+    def is_wide(self, alignment: Alignment) -> bool:
+        """Whether edges scatter more widely about their matches than of late, and depth does not.
+
+        Parameters
+        ----------
+        alignment : Alignment
+
+        Returns
+        -------
+        bool
+        """
+        jump = self._status.edge_jump
+        if not jump or alignment.reason in FAILURES:
+            return False
+        return alignment.sigma_px > jump * self._usual_px and self._has_usual_depth(alignment)
+
+    def in_place(self, alignment: Alignment) -> int:
+        """Count the edges that lie where edges that fit do.
+
+        Parameters
+        ----------
+        alignment : Alignment
+
+        Returns
+        -------
+        int
+        """
+        if alignment.reason in FAILURES:
+            return 0
+        return int(np.count_nonzero(np.abs(alignment.residuals) <= TIGHT * self._usual_px))
+
+    def is_sharper(self, alignment: Alignment, other: Alignment) -> bool:
+        """Whether a registration puts clearly more edges in their places, and depth no worse.
+
+        Light leaves two crowds of edges, and depth as it is; a shutter that rolls, or blur, widens
+        the only crowd, and a stamp that is wrong moves depth, too.
+
+        Parameters
+        ----------
+        alignment, other : Alignment
+
+        Returns
+        -------
+        bool
+        """
+        more = self.in_place(alignment) > SHARPER * self.in_place(other)
+        return more and fitting_depth(alignment) > NO_WORSE * fitting_depth(other)
+
+    def is_sharp(self, alignment: Alignment) -> bool:
+        """Whether so many edges are in their places that light accounts for the others.
+
+        It makes new ones, and turns the gradient of an edge round that is lit from the other side.
+
+        Parameters
+        ----------
+        alignment : Alignment
+
+        Returns
+        -------
+        bool
+        """
+        status = self._status
+        asked = status.edge_jump > 0 and status.min_agreeing > 0
+        if not asked or TIGHT * self._usual_px > SHARPEST * status.inlier_px:
+            return False
+        enough = status.min_agreeing * len(alignment.matches)
+        return self._has_usual_depth(alignment) and self.in_place(alignment) >= enough
+
+    def _has_usual_depth(self, alignment: Alignment) -> bool:
+        """Whether as much depth lies on planes as did of late: light leaves it, a hand does not."""
+        known = self._usual_points >= self._least_points
+        return known and alignment.plane_points >= LEFT * self._usual_points
+
+
+def fitting_depth(alignment: Alignment) -> float:
+    """Count the points on planes, the less the farther off they are.
+
+    Parameters
+    ----------
+    alignment : Alignment
+
+    Returns
+    -------
+    float
+        Points; half of them where they are off by ``AGREEING_SIGMA`` times the sensor's noise.
+    """
+    return alignment.plane_points / (1 + alignment.sigma_depth / AGREEING_SIGMA)
