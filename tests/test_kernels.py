@@ -18,7 +18,7 @@ from edvo.camera import Camera
 from edvo.config import EdgesConfig, MatchingConfig, RegistrationConfig
 from edvo.edges import EdgePixels, extract_edges
 from edvo.matching import Criterion, EdgeIndex
-from edvo.registration import Registration
+from edvo.registration import COARSE_POINTS, NOTHING_NEAR, Registration
 
 from . import problems, twins
 
@@ -302,6 +302,8 @@ def solver(config=None, **changes):
         "min_sigma": config.min_sigma_px,
         "max_sigma": np.inf,
         "first_sigma": config.first_sigma_px,
+        "coarse_samples": config.coarse_samples,
+        "coarse_points": COARSE_POINTS,
         "first_samples": config.first_samples,
         "min_matches": config.min_matches,
         "max_iterations": config.max_iterations,
@@ -431,6 +433,7 @@ class Warp:
     def __init__(self, problem, criterion, residual=kernels.SIGNED):
         self.problem, self.criterion, self.residual = problem, criterion, residual
         self.index = EdgeIndex(problem.reference)
+        self.nearby, self.stage = NOTHING_NEAR, kernels.ROBUST
         self.points = problem.samples.points(problem.camera)
         self.state = kernels.new_matches(len(self.points))
         self.state.bound[:] = 0
@@ -439,6 +442,8 @@ class Warp:
     def __call__(self, T, stride=1):
         count = kernels.warp_and_match(
             self.index.grid,
+            self.nearby,
+            self.stage,
             self.points,
             self.problem.samples.gradients,
             stride,

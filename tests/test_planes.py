@@ -9,7 +9,7 @@ from edvo.config import Config, PlanesConfig
 from edvo.edges import NO_TABLE
 from edvo.odometry import Odometry, Status
 from edvo.planes import PlaneFitter, PlaneMap, PlanePoints
-from edvo.registration import Registration
+from edvo.registration import NOTHING_NEAR, Registration
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
 
 from . import twins
@@ -315,6 +315,8 @@ def imbalance(registration, source, reference, samples, planes, points, term, fo
     matches, residuals = kernels.new_matches(n), np.empty(n)
     kernels.warp_and_match(
         reference.grid,
+        NOTHING_NEAR,
+        kernels.ROBUST,
         samples.points(source.camera),
         samples.gradients,
         kernels.ALL,
@@ -371,8 +373,8 @@ def test_a_registration_ends_where_the_gradient_of_the_two_terms_vanishes(panels
     given = []
     align = Registration.align
 
-    def keep(self, *arguments):
-        given.append((self, arguments, align(self, *arguments)))
+    def keep(self, *arguments, **options):
+        given.append((self, arguments, align(self, *arguments, **options)))
         return given[-1][2]
 
     with pytest.MonkeyPatch.context() as patch:

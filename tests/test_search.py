@@ -254,7 +254,7 @@ def test_a_far_step_found_by_a_search_is_looked_at_once_more(apart, monkeypatch)
     key, search = odometry._keyframe, odometry._search
     right = search._register(key, key.samples, key.points, np.eye(4))
     bad = replace(right, inliers=0)
-    monkeypatch.setattr(odometry._registration, "align", lambda *given: bad)
+    monkeypatch.setattr(odometry._registration, "align", lambda *given, **options: bad)
     monkeypatch.setattr(search, "around", lambda *given: right)
     monkeypatch.setattr(search, "is_alone", lambda *given: False)
     noise = np.random.default_rng(0).integers(-1, 2, frames[0].grey.shape)

@@ -529,6 +529,28 @@ def chamfer_scores(pixels, gradients, cell, straight, slant, shape):
         scores = raised
 
 
+def near_ways(pixels, gradients, corner, cell, shape):
+    """Ways in quarters of a cell that no longer fall when each cell takes its neighbours'."""
+    ways = np.full(shape, 1023)
+    at = (pixels.astype(np.float64) - corner) / cell
+    col, row = np.floor(at.T).astype(int)
+    own = (4 * np.hypot(*(at - np.floor(at) - 0.5).T)).astype(int)
+    for beside in (-1, 0, 1):
+        k = (directions_of(gradients) + beside) % 8
+        np.minimum.at(ways, (row + 1, col + 1, k), own)
+    inside = np.zeros(shape, bool)
+    inside[1:-1, 1:-1] = True
+    while True:
+        fallen = ways.copy()
+        for dv, du in [(dv, du) for dv in (-1, 0, 1) for du in (-1, 0, 1)]:
+            step = (0, 4, 6)[abs(dv) + abs(du)]
+            fallen = np.minimum(fallen, np.roll(ways, (dv, du), (0, 1)) + step)
+        fallen[~inside] = 1023
+        if (fallen == ways).all():
+            return ways
+        ways = fallen
+
+
 def chamfer_score(chamfer, T):
     """Mean score of the cells that the points fall into, in double precision."""
     Y = chamfer.points.T.astype(np.float64) @ T[:3, :3].T + T[:3, 3]

@@ -28,6 +28,7 @@ TRIED_EDGES = 250  # a pose is judged by so many edges, at least
 IN_VIEW = 0.5  # share of these that counts as being in view, at least
 LONGEST_M = 0.4  # no longer way is tried
 CLIMBED = 8  # poses that are climbed from
+BESIDE = 4  # beside a place that is known
 APART_DEG = 3.0  # between them, or a way that moves the image as far
 ANYWHERE = 1e3  # m; a bound that leaves poses to be told apart by their turns alone
 CLIMB_M, CLIMB_DEG = 0.1, 1.5  # first steps of a climb
@@ -119,9 +120,9 @@ class ChamferMap:
         Returns
         -------
         list of Guess
-            At most ``CLIMBED``, the likeliest first.
+            At most ``BESIDE``, the likeliest first.
         """
-        return self._climb(samples, T_ref_starts, min(CLIMBED, len(T_ref_starts)), 0.0, 0.0)
+        return self._climb(samples, T_ref_starts, min(BESIDE, len(T_ref_starts)), 0.0, 0.0)
 
     def score(self, samples: EdgePixels, T_ref_cur: NDArray[np.float64]) -> float:
         """Say how near edges fall to edges of like direction.

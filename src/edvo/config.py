@@ -154,6 +154,11 @@ class RegistrationConfig(Section):
     min_sigma_px: Positive = Field(
         default=1e-3, description="floor of the scale, against an exact fit of a few residuals"
     )
+    coarse_samples: Annotated[int, Field(ge=0)] = Field(
+        default=375,
+        description="where steps between frames are far, every k-th sample, and so many at least, "
+        "is first matched by looking up some edge nearby that is turned alike; 0: none",
+    )
     first_sigma_px: Annotated[float, Field(ge=0)] = Field(
         default=0.5,
         description="floor of the scale before the last stage, so that the many edges along a "
@@ -565,7 +570,12 @@ PRESETS: dict[str, dict[str, Any]] = {
         "motion": {"search_deg": 0.0, "prior_stride": 4, "depth_delay": "none", "readout": "none"},
         "keyframes": {"stored": 0},
         "sampling": {"count": 450},
-        "registration": {"weight": "t", "first_sigma_px": 0.0, "first_samples": 0},
+        "registration": {
+            "weight": "t",
+            "coarse_samples": 0,
+            "first_sigma_px": 0.0,
+            "first_samples": 0,
+        },
         "status": {
             "max_conflict": 0.0,
             "min_agreeing": 0.0,

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 U8 = NDArray[np.uint8]
+U32 = NDArray[np.uint32]
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 I16 = NDArray[np.int16]
@@ -40,6 +41,10 @@ HISTORY = 8  # columns of the iteration record
 TUKEY_TUNING = 4.685  # 95 % efficient on a Gaussian
 DIRECTIONS = 8  # over a full turn: an edge from dark to bright is none from bright to dark
 SAME_STEP = 1e-5  # share of a step by which more damping shortens it that does not count yet
+LOOK_UP, ROBUST, NORMAL = -1, 0, 1  # stages of a registration
+EDGE_BITS = 21  # of a key of a near map: which edge; the bits above say how far off it is,
+NEXT, CORNER = np.uint32(4 << EDGE_BITS), np.uint32(6 << EDGE_BITS)  # in quarters of a cell
+NOWHERE = np.uint32(1023 << EDGE_BITS)
 MIN_PLANE_SIGMA = 0.02  # floor of the scale of distances to planes, in units of the noise
 
 
@@ -85,6 +90,17 @@ class Grid(NamedTuple):
     rows: int
     cols: int
     left: float  # px, of the first cell
+    top: float
+    inverse: float  # 1/px, one over the cell size
+
+
+class NearMap(NamedTuple):
+    """For each cell of an image and each direction an edge that is near, if not the nearest."""
+
+    keys: U32  # (rows * cols * DIRECTIONS,) way << EDGE_BITS | sorted index; a frame has none
+    rows: int
+    cols: int
+    left: float  # px, of the first cell inside the frame
     top: float
     inverse: float  # 1/px, one over the cell size
 
@@ -205,6 +221,8 @@ class Solver(NamedTuple):
     min_sigma: float  # px
     max_sigma: float  # px
     first_sigma: float  # px, its floor before the last stage
+    coarse_samples: int  # while edges are looked up every k-th is taken, and so many at least
+    coarse_points: np.int64  # and one point of depth in so many
     first_samples: int  # before the last stage every k-th is taken, and so many at least; 0: all
     min_matches: int
     max_iterations: int
@@ -533,8 +551,9 @@ def match_planes(
     T: F64,
     term: DepthTerm,
     matches: PlaneMatches,
+    stride: np.int64 = ALL,
 ) -> int:
-    """Warp points by T, and take their distances to the planes they project onto.
+    """Warp every ``stride``-th point by T, and take its distance to the plane it projects onto.
 
     A distance counts in units of the noise across the plane: that along the ray times the cosine
     between ray and normal, which a grazing view makes no better than a tenth. Returns how many
@@ -542,7 +561,7 @@ def match_planes(
     """
     count = 0
     inverse = 1 / planes.step
-    for i in range(points.sigma.size):
+    for i in range(0, points.sigma.size, stride):
         x, y, z = points.X[i, 0], points.X[i, 1], points.X[i, 2]
         px = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
         py = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
@@ -912,6 +931,83 @@ def nearest_in_grid(
             if needed <= reach:
                 return i, best, second
             reach = min(needed + MARGIN, limit)
+
+
+@lean
+def direction_of(gu: float, gv: float) -> int:
+    """Sort a gradient into one of ``DIRECTIONS``, the first from 0 to 45 degrees."""
+    half = 0
+    if gv < 0 or (gv == 0 and gu < 0):
+        gu, gv, half = -gu, -gv, 4
+    if gu > 0:
+        return half if gv < gu else half + 1
+    return half + 2 if -gu < gv else half + 3
+
+
+@lean
+def nearer_beside(row: U32, beside: U32) -> None:
+    """Take for a row of keys, but for its ends, what the row beside it knows to be nearer."""
+    one, end = np.uint64(DIRECTIONS), np.uint64(row.size - DIRECTIONS)
+    for j in range(one, end):
+        far = min(beside[j - one], beside[j + one]) + CORNER
+        row[j] = min(row[j], min(beside[j] + NEXT, far))
+
+
+@lean
+def nearer_before(row: U32) -> None:
+    """Take for the keys of a row, but for its ends, what the cell before knows to be nearer."""
+    one, end = np.uint64(DIRECTIONS), np.uint64(row.size - DIRECTIONS)
+    for j in range(one, end):
+        row[j] = min(row[j], row[j - one] + NEXT)
+
+
+@lean
+def nearer_behind(row: U32) -> None:
+    """Take for the keys of a row, but for its ends, what the next cell knows to be nearer."""
+    one = np.uint64(DIRECTIONS)
+    for cell in range(row.size // DIRECTIONS - 2, 0, -1):
+        for k in range(DIRECTIONS):
+            j = np.uint64(cell * DIRECTIONS + k)
+            row[j] = min(row[j], row[j + one] + NEXT)
+
+
+@compiled
+def build_near_map(grid: Grid, cell: float) -> NearMap:
+    """Find an edge near the middle of each cell, for each direction, as `chamfer_scores` does.
+
+    An edge counts for its own direction and for those beside it. Ways go from middle to middle.
+    """
+    inverse = 1 / cell
+    rows = int(grid.rows / grid.inverse * inverse) + 3
+    cols = int(grid.cols / grid.inverse * inverse) + 3
+    keys = np.full((rows, cols, DIRECTIONS), NOWHERE, np.uint32)
+    for i in range(min(grid.points.shape[0], 1 << EDGE_BITS)):
+        x, y = grid.points[i, 0] - grid.left, grid.points[i, 1] - grid.top
+        col, row = int(x * inverse), int(y * inverse)
+        way = int(4 * np.hypot(x * inverse - col - 0.5, y * inverse - row - 0.5))
+        key = np.uint32(way << EDGE_BITS | i)
+        direction = direction_of(grid.points[i, 2], grid.points[i, 3])
+        for beside in range(direction - 1, direction + 2):
+            k = beside % DIRECTIONS
+            keys[row + 1, col + 1, k] = min(keys[row + 1, col + 1, k], key)
+    lanes = keys.reshape(rows, cols * DIRECTIONS)  # a vector holds all directions of a cell
+    for row in range(1, rows - 1):
+        nearer_beside(lanes[row], lanes[row - 1])
+        nearer_before(lanes[row])
+    for row in range(rows - 2, 0, -1):
+        nearer_beside(lanes[row], lanes[row + 1])
+        nearer_behind(lanes[row])
+    return NearMap(keys.ravel(), rows, cols, grid.left, grid.top, inverse)
+
+
+@lean
+def near_edge(nearby: NearMap, u: float, v: float, gu: float, gv: float) -> np.int64:
+    """Sorted index of an edge near a pixel that is turned alike, or NO_MATCH."""
+    col = min(max(int((u - nearby.left) * nearby.inverse), 0), nearby.cols - 3) + 1
+    row = min(max(int((v - nearby.top) * nearby.inverse), 0), nearby.rows - 3) + 1
+    key = nearby.keys[(row * nearby.cols + col) * DIRECTIONS + direction_of(gu, gv)]
+    edge = np.int64(key & np.uint32((1 << EDGE_BITS) - 1))  # signed, or numba makes it a float
+    return edge if key < NOWHERE else np.int64(NO_MATCH)
 
 
 @compiled
@@ -1358,6 +1454,8 @@ def orthonormalize(T: F64) -> None:
 @lean
 def warp_and_match(
     grid: Grid,
+    nearby: NearMap,
+    stage: int,
     points: F64,
     gradients: F32,
     stride: np.int64,
@@ -1372,6 +1470,8 @@ def warp_and_match(
 
     Takes every ``stride``-th sample. A match found before is kept without a search where it
     provably still is the best: the root of the cost changes by no more than the query moves.
+    Where there is a map of near edges it gives those that had no match a first idea; at the stage
+    ``LOOK_UP`` that is the match.
     Residuals of the matched samples are packed to the front; returns their number.
     """
     count = 0
@@ -1390,8 +1490,15 @@ def warp_and_match(
         if not (-0.5 <= u < camera.width - 0.5 and -0.5 <= v < camera.height - 0.5):
             continue
         gu, gv = gradients[i, 0], gradients[i, 1]
+        if nearby.keys.size > 0 and (k < 0 or stage == LOOK_UP):
+            k = near_edge(nearby, u, v, gu, gv)
+            matches.bound[i] = 0
         kept = False
-        if k >= 0:
+        if stage == LOOK_UP:
+            if k < 0 or match_cost(grid.points, k, u, v, gu, gv, criterion) == np.inf:
+                continue
+            kept = True
+        elif k >= 0:
             cost = match_cost(grid.points, k, u, v, gu, gv, criterion)
             mu, mv = u - matches.query[i, 0], v - matches.query[i, 1]
             moved = np.sqrt(mu * mu + mv * mv)
@@ -1585,6 +1692,7 @@ def copy_matches(source: Matches, target: Matches) -> None:
 @compiled
 def best_start(
     grid: Grid,
+    nearby: NearMap,
     points: F64,
     gradients: F32,
     camera: Pinhole,
@@ -1602,6 +1710,8 @@ def best_start(
         for s in range(starts.shape[0]):
             count = warp_and_match(
                 grid,
+                nearby,
+                ROBUST,
                 points,
                 gradients,
                 stride,
@@ -1621,6 +1731,7 @@ def best_start(
 @compiled
 def align(
     grid: Grid,
+    nearby: NearMap,
     points: F64,
     gradients: F32,
     camera: Pinhole,
@@ -1644,10 +1755,12 @@ def align(
     """Register samples (points, gradients) with a reference, Eq. (13)-(14), from the best start.
 
     Stage 0 matches by the robust criterion until the steps fall below ``switch_px``, stage 1 by
-    the normal one until they fall below ``stop_px`` (§V-B). A step counts by the rms change of
-    the residuals that it predicts. Writes T, H (weights included), index (of the matches among
-    the reference edges, NO_MATCH where none), residuals (packed, in sample order) and history, a
-    row an iteration: stage, matches, sigma, cost, step, damping, accepted, cost of the trial.
+    the normal one until they fall below ``stop_px`` (§V-B). Before these, and as far as stage 0,
+    edges are looked up in a map of those nearby, where one is given: few samples, no search. A
+    step counts by the rms change of the residuals that it predicts. Writes T, H (weights
+    included), index (of the matches among the reference edges, NO_MATCH where none), residuals
+    (packed, in sample order) and history, a row an iteration: stage, matches, sigma, cost, step,
+    damping, accepted, cost of the trial.
     A step all but equal to one that was rejected is not tried again, and has that one's cost.
     Points of the current depth image pull towards planes of the reference, where there are any:
     their term has a scale of its own, sigma_d, and counts less the more that exceeds the sensor's
@@ -1668,11 +1781,12 @@ def align(
     T[:] = starts[
         best_start(
             grid,
+            nearby,
             points,
             gradients,
             camera,
             starts,
-            robust if first_stage == 0 else normal,
+            robust if first_stage == ROBUST else normal,
             solver,
             stride,
         )
@@ -1682,18 +1796,28 @@ def align(
     moved = np.empty_like(points) if rolls else points
     sigma, cost, total = 1.0, 0.0, 0.0
     moves = 1 + lag.share  # by how much points move with the pose, near the last one
-    for stage in range(first_stage, last_stage + 1):
-        criterion = robust if stage == 0 else normal
+    for stage in range(LOOK_UP, last_stage + 1):
+        if stage < first_stage and (stage > LOOK_UP or nearby.keys.size == 0):
+            continue
+        criterion = normal if stage == NORMAL else robust
         enough = solver.stop_px if stage == last_stage else solver.switch_px
-        every = ALL
-        if stage < last_stage and solver.first_samples > 0:
+        every, apart = ALL, ALL
+        if stage == LOOK_UP:
+            every = max(np.int64(n // solver.coarse_samples), ALL)
+            apart = solver.coarse_points
+        elif stage < last_stage and solver.first_samples > 0:
             every = max(np.int64(n // solver.first_samples), ALL)
-        taken = (n + every - 1) // every
+        taken, asked = (n + every - 1) // every, len(range(0, m, apart))
+        for i in range(n):
+            if i % every > 0:
+                matches.edge[i] = NO_MATCH  # of a stage that took others
         matches.bound[:] = 0  # what held under one criterion need not under another
         if rolls:
             unroll_points(points, T, lag, moved)
         count = warp_and_match(
             grid,
+            nearby,
+            stage,
             moved,
             gradients,
             every,
@@ -1705,7 +1829,8 @@ def align(
             residuals,
         )
         if m > 0:
-            near_count = match_planes(planes, surface, camera, lagged(T, lag), term, near)
+            there = lagged(T, lag)
+            near_count = match_planes(planes, surface, camera, there, term, near, apart)
         damping = solver.damping
         rejections, rejected = 0, 0.0
         stale = True
@@ -1722,11 +1847,11 @@ def align(
                 cost = mean_cost(residuals, count, taken, sigma, criterion.limit, solver)
                 total = normal_equations(camera, solver, sigma, matches, residuals, H, b)
                 balance = 0.0
-                if near_count >= term.min_points:
+                if near_count * apart >= term.min_points:
                     sigma_d = median_scale(near.residuals, near_count, MIN_PLANE_SIGMA)
                     balance = term.weight / (1 + sigma_d / term.doubt)
-                    balance *= 1 + (term.edge_doubt / sigma) ** 2
-                    cost += balance / n * plane_cost(near, near_count, m, sigma_d)
+                    balance *= apart * (1 + (term.edge_doubt / sigma) ** 2)
+                    cost += balance / n * plane_cost(near, near_count, asked, sigma_d)
                     plane_equations(near, near_count, sigma_d, H_planes, b_planes)
                     scale = balance * (sigma / sigma_d) ** 2 / every
                     for i in range(6):
@@ -1761,6 +1886,8 @@ def align(
                     unroll_points(points, trial_T, lag, moved)
                 trial_count = warp_and_match(
                     grid,
+                    nearby,
+                    stage,
                     moved,
                     gradients,
                     every,
@@ -1778,10 +1905,10 @@ def align(
                 if m > 0:
                     there = lagged(trial_T, lag)
                     near_trial_count = match_planes(
-                        planes, surface, camera, there, term, near_trial
+                        planes, surface, camera, there, term, near_trial, apart
                     )
                 if balance > 0:
-                    row[7] += balance / n * plane_cost(near_trial, near_trial_count, m, sigma_d)
+                    row[7] += balance / n * plane_cost(near_trial, near_trial_count, asked, sigma_d)
             if row[7] < cost:
                 row[6] = 1
                 T[:] = trial_T
@@ -1802,7 +1929,7 @@ def align(
                 if rejections > solver.max_rejections:
                     reason = STALLED
                     break
-        if reason in (TOO_FEW, SINGULAR):
+        if reason in (TOO_FEW, SINGULAR) and stage > LOOK_UP:
             break
         if stage < last_stage and iterations >= solver.max_iterations:
             reason = EXHAUSTED  # the stage that finishes has had no turn
@@ -1812,6 +1939,8 @@ def align(
                     unroll_points(points, T, lag, moved)
                 count = warp_and_match(
                     grid,
+                    nearby,
+                    stage,
                     moved,
                     gradients,
                     ALL,
@@ -1831,17 +1960,6 @@ def align(
 
 
 # ------------------------------------------------------------------------------------- chamfer
-
-
-@lean
-def direction_of(gu: float, gv: float) -> int:
-    """Sort a gradient into one of ``DIRECTIONS``, the first from 0 to 45 degrees."""
-    half = 0
-    if gv < 0 or (gv == 0 and gu < 0):
-        gu, gv, half = -gu, -gv, 4
-    if gu > 0:
-        return half if gv < gu else half + 1
-    return half + 2 if -gu < gv else half + 3
 
 
 @compiled

@@ -20,6 +20,7 @@ from edvo.edges import EdgePixels
 Method = Literal["grid", "tree", "brute"]
 
 GRADIENT_SPREAD_PX = 100.0  # a k-d tree splits a gradient axis when it is wider than this a unit
+NEAR_CELL_PX = 8.0  # of the map that tells some edge near each place
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +88,7 @@ class EdgeIndex:
         self.method = method
         self._grid: kernels.Grid | None = None
         self._tree: kernels.Tree | None = None
+        self._near: kernels.NearMap | None = None
         if method == "grid":
             self._grid = kernels.build_grid(edges.pixels, edges.gradients, cell_px)
         elif method == "tree":
@@ -94,6 +96,13 @@ class EdgeIndex:
 
     def __len__(self) -> int:
         return len(self.edges)
+
+    @property
+    def near(self) -> kernels.NearMap:
+        """Some edge near each place, which a far registration looks up; made when asked for."""
+        if self._near is None:
+            self._near = kernels.build_near_map(self.grid, NEAR_CELL_PX)
+        return self._near
 
     @property
     def grid(self) -> kernels.Grid:

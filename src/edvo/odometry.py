@@ -49,6 +49,7 @@ MOVED, ASTRAY = "something moved less than a second ago", "found again, lost fro
 FAR_STEP = "a far step: of what both see enough fits, and nothing else does"
 NOT_ALONE = "a far step, and beside where it led the edges fit as well"
 STEPPED = "a far step less than a second ago"
+SURE = 0.8  # of the samples in place: depth that contradicts a far step then leads nowhere else
 # Motion alone does not change a view so much in so short a time: light does, or a hand that comes.
 JUST_NOW_S = 0.1
 CHANGED = "less than a second ago the view had changed at once"
@@ -300,19 +301,20 @@ class Odometry:
         """Register a frame with the keyframe, and look farther afield where that is in doubt."""
         assert self._keyframe is not None
         key, timestamp = self._keyframe, seen.frame.timestamp
+        far = self._is_far_step(timestamp)
         with self._clock("registration"):
             starts = self._starts(timestamp, seen)
             term = self._shared.term(self._fitter.term)
+            lag = self._lag(seen)
             alignment = self._registration.align(
-                key.edges, seen.samples, starts, key.planes, seen.points, term, self._lag(seen)
+                key.edges, seen.samples, starts, key.planes, seen.points, term, lag, far=far
             )
-        far = self._is_far_step(timestamp)
         scattered = not far and self._judge.scatter.is_wide(alignment)
         if scattered:
             self._judge.scatter.widen()
             with self._clock("search"):
                 alignment = self._sharpest(seen, starts, term, alignment)
-        elif far and alignment.sigma_depth > self.config.status.max_depth_sigma:
+        elif far and self._is_off_planes(alignment):
             with self._clock("search"):
                 alignment = self._on_planes(seen, term, alignment)
         status, reason = self._assess(alignment, timestamp)
@@ -362,6 +364,11 @@ class Odometry:
         best = max(tried, key=scatter.in_place)
         return best if scatter.is_sharper(best, found) else found
 
+    def _is_off_planes(self, found: Alignment) -> bool:
+        """Whether depth contradicts where edges lead, and edges are not all but sure of it."""
+        unsure = found.inliers < SURE * len(found.matches)
+        return unsure and found.sigma_depth > self.config.status.max_depth_sigma
+
     def _on_planes(self, seen: Seen, term: DepthTerm, found: Alignment) -> Alignment:
         """Register from where depth alone leads, and take what edges and depth agree on best.
 
@@ -372,7 +379,7 @@ class Odometry:
         level, _ = self._depth_alone.align(key, seen.samples, points, found.T_ref_cur)
         start = level.T_ref_cur[None]
         again = self._registration.align(
-            key.edges, seen.samples, start, key.planes, points, term, self._lag(seen)
+            key.edges, seen.samples, start, key.planes, points, term, self._lag(seen), far=True
         )
         return max((found, again), key=lambda each: agreement(each, key.planes, points))
 

@@ -23,7 +23,13 @@ RESIDUALS = {"divergence": kernels.SIGNED, "distance": kernels.DISTANCE}
 AGREEING = math.cos(math.radians(45))  # of gradients, even if the camera has rolled a little
 AT_ONCE = kernels.Lag(0.0, np.eye(4), np.eye(4), np.empty(0))
 EDGES_ALONE = DepthTerm(weight=0.0, doubt=1.0, edge_doubt=0.0, min_dot=1.0, limit=0.0, min_points=1)
-STAGES = {"robust-then-normal": (0, 1), "robust": (0, 0), "normal": (1, 1)}
+NOTHING_NEAR = kernels.NearMap(np.empty(0, np.uint32), 0, 0, 0.0, 0.0, 1.0)
+COARSE_POINTS = np.int64(3)  # while edges are looked up one point of depth in so many is taken
+STAGES = {
+    "robust-then-normal": (kernels.ROBUST, kernels.NORMAL),
+    "robust": (kernels.ROBUST, kernels.ROBUST),
+    "normal": (kernels.NORMAL, kernels.NORMAL),
+}
 REASONS = {
     kernels.CONVERGED: "converged",
     kernels.STALLED: "no step lowers the cost any more",
@@ -42,6 +48,8 @@ class Iteration:
     ----------
     robust : bool
         Whether the robust criterion matched, else the normal one.
+    looked_up : bool
+        Whether edges were looked up instead, before either.
     matches : int
     sigma_px : float
         Scale of the residuals.
@@ -57,6 +65,7 @@ class Iteration:
     """
 
     robust: bool
+    looked_up: bool
     matches: int
     sigma_px: float
     cost: float
@@ -136,7 +145,17 @@ class Alignment:
     def steps(self) -> list[Iteration]:
         """Tell what each iteration did."""
         return [
-            Iteration(stage == 0, int(n), sigma, cost, step, damping, bool(accepted), trial)
+            Iteration(
+                stage == kernels.ROBUST,
+                stage == kernels.LOOK_UP,
+                int(n),
+                sigma,
+                cost,
+                step,
+                damping,
+                bool(accepted),
+                trial,
+            )
             for stage, n, sigma, cost, step, damping, accepted, trial in self.history.tolist()
         ]
 
@@ -181,6 +200,8 @@ class Registration:
             min_sigma=registration.min_sigma_px,
             max_sigma=math.inf,
             first_sigma=registration.first_sigma_px,
+            coarse_samples=registration.coarse_samples,
+            coarse_points=COARSE_POINTS,
             first_samples=registration.first_samples,
             min_matches=registration.min_matches,
             max_iterations=registration.max_iterations,
@@ -221,6 +242,8 @@ class Registration:
         term: DepthTerm = EDGES_ALONE,
         lag: kernels.Lag = AT_ONCE,
         max_sigma_px: float = math.inf,
+        *,
+        far: bool = False,
     ) -> Alignment:
         """Find the motion between the reference and the current camera.
 
@@ -243,6 +266,9 @@ class Registration:
         max_sigma_px : float, optional
             Bound on the scale of the residuals, where it is known: else many edges that do not
             belong to the reference make it so large that they count.
+        far : bool, optional
+            Whether the starts may be far off: then it begins with edges that are looked up, if
+            ``RegistrationConfig.coarse_samples`` asks for that.
 
         Returns
         -------
@@ -257,6 +283,7 @@ class Registration:
         history = np.empty((self._solver.max_iterations, kernels.HISTORY))
         code, iterations, _, sigma, cost, on_planes, sigma_depth, balance = kernels.align(
             reference.grid,
+            reference.near if far and solver.coarse_samples else NOTHING_NEAR,
             samples.points(self._camera),
             samples.gradients,
             self._pinhole,

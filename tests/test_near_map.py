@@ -1,0 +1,176 @@
+"""Edges that are looked up: near, turned alike, and enough to bring a far start home."""
+
+import numpy as np
+import pytest
+
+from edvo import kernels, se3
+from edvo.config import MatchingConfig, RegistrationConfig
+from edvo.edges import EdgePixels
+from edvo.matching import NEAR_CELL_PX, Criterion, EdgeIndex
+from edvo.registration import Registration
+
+from . import problems, twins
+from .test_kernels import Warp, both
+
+ROBUST = Criterion(0.7, 640, 30.0).compile()
+ALIKE = (0, 1, 7)  # directions that count as those of an edge
+
+
+@pytest.fixture
+def index() -> EdgeIndex:
+    return EdgeIndex(problems.segments_problem(5, np.eye(4)).reference)
+
+
+def parts(near: kernels.NearMap) -> tuple[np.ndarray, np.ndarray]:
+    """How far off, in quarters of a cell, and which edge; for each cell and direction."""
+    keys = near.keys.reshape(near.rows, near.cols, kernels.DIRECTIONS).astype(np.int64)
+    return keys >> kernels.EDGE_BITS, keys & ((1 << kernels.EDGE_BITS) - 1)
+
+
+def test_ways_are_those_of_the_twin(index: EdgeIndex) -> None:
+    points = index.grid.points
+    shape = index.near.rows, index.near.cols, kernels.DIRECTIONS
+    near, ways = both(
+        "build_near_map",
+        lambda: kernels.build_near_map(index.grid, NEAR_CELL_PX),
+        lambda: twins.near_ways(
+            points[:, :2], points[:, 2:], (index.grid.left, index.grid.top), NEAR_CELL_PX, shape
+        ),
+    )
+    np.testing.assert_array_equal(parts(near)[0], ways)
+
+
+def test_an_edge_looked_up_is_turned_alike_and_hardly_farther_than_the_nearest(
+    index: EdgeIndex,
+) -> None:
+    points = index.grid.points
+    directions = twins.directions_of(points[:, 2:])
+    rng = np.random.default_rng(1)
+    found = 0
+    for _ in range(400):
+        u, v = rng.uniform(-20, 660), rng.uniform(-20, 500)  # some beside the image
+        gu, gv = problems.random_edges(rng, 1).gradients[0]
+        k = kernels.near_edge(index.near, u, v, gu, gv)
+        direction = twins.directions_of(np.array([[gu, gv]], np.float32))[0]
+        alike = np.isin((directions - direction) % 8, ALIKE)
+        if k == kernels.NO_MATCH:
+            assert not alike.any()
+            continue
+        assert alike[k]
+        away = np.hypot(points[:, 0] - u, points[:, 1] - v)
+        inside = index.grid.left <= u <= points[:, 0].max()
+        inside &= index.grid.top <= v <= points[:, 1].max()
+        if inside:  # both ends within a cell, and steps to 8 neighbours err by 8 %
+            assert away[k] <= 1.08 * away[alike].min() + 2.5 * NEAR_CELL_PX
+            found += 1
+    assert found > 100
+
+
+def test_residuals_at_the_stage_of_looking_up_are_those_of_the_edges_looked_up() -> None:
+    rng = np.random.default_rng(2)
+    problem = problems.segments_problem(3, problems.motion(rng), outliers=0.2)
+    warp = Warp(problem, ROBUST)
+    warp.nearby, warp.stage = warp.index.near, kernels.LOOK_UP
+    T = problem.T_ref_cur @ problems.motion(rng, 0.02, 1.0)
+    residuals = warp(T)
+    _, pixels, seen = twins.warp(warp.points, problem.camera, T)
+    expected, edges = [], []
+    for (u, v), (gu, gv), is_seen in zip(pixels, problem.samples.gradients, seen, strict=True):
+        k = kernels.near_edge(warp.index.near, u, v, gu, gv) if is_seen else kernels.NO_MATCH
+        point = warp.index.grid.points[k].astype(np.float64)
+        if k >= 0 and (u - point[0]) ** 2 + (v - point[1]) ** 2 > ROBUST.limit:
+            k = kernels.NO_MATCH
+        edges.append(k)
+        if k >= 0:
+            expected.append((u - point[0]) * point[2] + (v - point[1]) * point[3])
+    np.testing.assert_array_equal(warp.state.edge, edges)
+    np.testing.assert_allclose(residuals, expected, atol=1e-9)
+
+
+def test_matches_are_the_best_whatever_was_looked_up_before() -> None:
+    rng = np.random.default_rng(4)
+    problem = problems.segments_problem(4, problems.motion(rng), outliers=0.3)
+    warp = Warp(problem, ROBUST)
+    warp.nearby = warp.index.near
+    for size in (0.1, 0.05, 0.01, 1e-3):
+        T = problem.T_ref_cur @ problems.motion(rng, size, 60 * size)
+        warp.stage = kernels.LOOK_UP
+        warp(T)
+        warp.stage = kernels.ROBUST
+        warp.state.bound[:] = 0  # as a stage begins
+        warp(T)
+        expected = warp.fresh(T)
+        np.testing.assert_array_equal(warp.state.edge >= 0, expected.matched)
+        found = expected.matched
+        np.testing.assert_allclose(
+            warp.costs(T)[found], expected.costs[found], rtol=1e-6, atol=1e-4
+        )
+
+
+def registration(**changes: int) -> Registration:
+    return Registration(problems.VGA, MatchingConfig(), RegistrationConfig(**changes))
+
+
+def test_a_far_start_leads_to_where_a_near_one_does() -> None:
+    far = registration()
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        truth = problems.motion(rng, 0.02, 1.0)
+        problem = problems.segments_problem(seed, truth, outliers=0.1, count=1500, segments=60)
+        index = far.index(problem.reference)
+        off = (truth @ se3.exp([0.02, 0.01, 0, 0, np.radians(1.2), 0]))[None]
+        alignment = far.align(index, problem.samples, off, far=True)
+        near = far.align(index, problem.samples, truth[None])
+        assert max(problems.error(near.T_ref_cur, alignment.T_ref_cur)) < 1e-3
+        steps = alignment.steps()
+        stages = [(step.looked_up, step.robust) for step in steps]
+        assert stages == sorted(stages, reverse=True)
+        assert {(True, False), (False, True), (False, False)} == set(stages)
+        assert max(step.matches for step in steps if step.looked_up) <= 375
+
+
+@pytest.mark.parametrize("count", [40, 376, 749, 750, 1124, 1500])
+def test_no_stage_is_left_with_matches_of_samples_that_it_does_not_take(count: int) -> None:
+    problem = problems.segments_problem(1, np.eye(4), count=count)
+    found = registration(first_samples=400)
+    alignment = found.align(
+        found.index(problem.reference), problem.samples, np.eye(4)[None], far=True
+    )
+    assert alignment.converged
+    assert max(problems.error(np.eye(4), alignment.T_ref_cur)) < 1e-3
+    for step in alignment.steps():
+        if step.looked_up:
+            assert step.matches <= -(-count // max(count // 375, 1))
+        elif step.robust:
+            assert step.matches <= -(-count // max(count // 400, 1))
+
+
+def test_without_samples_to_look_up_a_far_registration_is_a_near_one() -> None:
+    problem = problems.segments_problem(2, problems.motion(np.random.default_rng(2)))
+    plain = registration(coarse_samples=0)
+    index = plain.index(problem.reference)
+    start = np.eye(4)[None]
+    far, near = (plain.align(index, problem.samples, start, far=is_far) for is_far in (True, False))
+    np.testing.assert_array_equal(far.T_ref_cur, near.T_ref_cur)
+    assert not any(step.looked_up for step in far.steps())
+
+
+def test_what_cannot_be_looked_up_is_searched_for() -> None:
+    """A map that knows of no edge leaves the start as it is."""
+    problem = problems.segments_problem(2, problems.motion(np.random.default_rng(2)))
+    far = registration()
+    index = far.index(problem.reference)
+    empty = index.near._replace(keys=np.full_like(index.near.keys, kernels.NOWHERE))
+    index._near = empty
+    start = np.eye(4)[None]
+    found = far.align(index, problem.samples, start, far=True)
+    np.testing.assert_array_equal(
+        found.T_ref_cur, far.align(index, problem.samples, start).T_ref_cur
+    )
+
+
+def test_of_no_edges_none_is_near() -> None:
+    nothing = EdgePixels(*(np.empty(s, np.float32) for s in ((0, 2), (0, 2), 0)))
+    near = EdgeIndex(nothing).near
+    assert (near.keys == kernels.NOWHERE).all()
+    assert kernels.near_edge(near, 3.0, 4.0, 1.0, 0.0) == kernels.NO_MATCH
