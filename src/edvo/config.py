@@ -274,6 +274,12 @@ class KeyframesConfig(Section):
         "its covariance (status.covariance) is smaller than the mean of the last half second; 1: "
         "not before the bounds. Not in the paper",
     )
+    window: Annotated[int, Field(ge=1)] = Field(
+        default=5,
+        description="a new keyframe is registered with one before the last, too, where that is "
+        "near, and the poses of so many keyframes are solved for together; 1: it is placed by the "
+        "last one alone. With status.covariance. Not in the paper",
+    )
     stored: Annotated[int, Field(ge=0)] = Field(
         default=30,
         description="keyframes kept to find back to after a loss, the present one included; about "
@@ -568,7 +574,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "edges": {"strong_share": 0.0, "position": "pixel"},
         "planes": {"weight": 0.0, "alone_share": 0.0, "edge_doubt_rule": "fixed"},
         "motion": {"search_deg": 0.0, "prior_stride": 4, "depth_delay": "none", "readout": "none"},
-        "keyframes": {"stored": 0},
+        "keyframes": {"window": 1, "stored": 0},
         "sampling": {"count": 450},
         "registration": {
             "weight": "t",

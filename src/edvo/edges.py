@@ -16,7 +16,8 @@ from edvo.camera import Camera
 from edvo.config import EdgesConfig
 
 DOG_RATIO = 1.6  # of the two Gaussians: nearest to the Laplacian of a Gaussian (Marr 1980)
-VIEW_ROWS, VIEW_COLS = 4, 6  # cells that a view is summed up by
+VIEW_ROWS, VIEW_COLS = 4, 6  # cells that a view is summed up by,
+VIEW_EDGES = 8000  # and so many edges at least, where there are as many
 QUANTILE_STEP_PX = 4  # a sixteenth of the pixels tells the quantile of their gradients
 NO_TABLE = np.empty((0, 0, 2), np.float32)
 NO_TABLE.setflags(write=False)  # as Camera.undistortion_table: else its kernel compiles twice
@@ -111,7 +112,8 @@ class EdgeImage:
             Of unit length; the dot product of two is 1 where they are the same.
         """
         view = np.empty(VIEW_ROWS * VIEW_COLS * 4)
-        kernels.summarise_view(self.index, self.du, self.dv, VIEW_ROWS, VIEW_COLS, view)
+        some = np.ascontiguousarray(self.index[:: max(len(self.index) // VIEW_EDGES, 1)])
+        kernels.summarise_view(some, self.du, self.dv, VIEW_ROWS, VIEW_COLS, view)
         return view
 
     def describe(

@@ -23,6 +23,7 @@ from edvo.search import Seen
 NEWS = 1e-3  # m and rad, by which a part of a keyframe must be off to be moved anew
 KNOWN_S = 4e-3  # to so much (one sigma), and one frame in so many is enough to keep them up
 RARELY = 4
+ROUGH_PX = 3  # window of depths that tell how far a shutter's readout moves an edge
 
 
 @dataclass(slots=True)
@@ -62,6 +63,7 @@ class Instants:
         motion = config.motion
         self._is_on = motion.depth_delay != "none" or motion.readout != "none"
         self._registration, self._fitter = registration, fitter
+        self._rough = config.edges.model_copy(update={"depth_window_px": ROUGH_PX})
         self.depth = DepthDelay(camera, fitter, motion.depth_delay)
         self.rolling = RollingShutter(camera, registration.solver, motion.readout)
         self.forget()
@@ -163,7 +165,7 @@ class Instants:
         """
         if velocity is None or not self.rolling.seconds:
             return edges
-        depths = depth_at_edges(seen.frame.depth, seen.edges.index, self._config.edges)
+        depths = depth_at_edges(seen.frame.depth, seen.edges.index, self._rough)
         return self.rolling.unrolled(edges, velocity, depths)
 
     def hold(
@@ -223,7 +225,7 @@ class Instants:
             changed, held.T_cam_depth = replace(changed, planes=planes), T_cam_depth
         rolled = held.velocity * self.rolling.seconds / 2
         if np.abs(rolled - held.rolled).max() > NEWS:
-            depths = depth_at_edges(held.frame.depth, held.index, self._config.edges)
+            depths = depth_at_edges(held.frame.depth, held.index, self._rough)
             edges = self.rolling.unrolled(held.edges, held.velocity, depths)
             index, chamfer = self._registration.index(edges), ChamferMap(edges, self._camera)
             changed, held.rolled = replace(changed, edges=index, chamfer=chamfer), rolled

@@ -25,12 +25,13 @@ from edvo.last_good import LastGood
 from edvo.pieces import Pieces
 from edvo.planes import DepthTerm, PlaneFitter
 from edvo.registration import AT_ONCE, Alignment, Registration
-from edvo.search import Search, Seen, is_apart
+from edvo.search import STRIDE, Search, Seen, is_apart
 from edvo.sharing import SharedErrors
 from edvo.status import Judge, Status, agreement, speed_of
 from edvo.tracked import TrackedFrame
 from edvo.trajectory import Trajectory
 from edvo.uncertainty import Uncertainty, degenerate_directions, describe, in_current_camera
+from edvo.window import KeyframeWindow
 from edvo.witness import Surface, Witness
 
 __all__ = ["Odometry", "StageClock", "Status", "TrackedFrame"]
@@ -145,6 +146,7 @@ class Odometry:
         self._freeze = Freeze()
         self._sight_found = False  # whether the last new image has got a pose
         self._judge = Judge(self.config)
+        self._window = KeyframeWindow(self.config, self._registration, self._uncertainty)
         self._information = Information()
         self._search = Search(
             self.camera, self.config, self._registration, self._fitter, self._judge
@@ -352,16 +354,24 @@ class Odometry:
         that one more start is where it leads from the first.
         """
         assert self._keyframe is not None
-        key, lag, scatter = self._keyframe, self._lag(seen), self._judge.scatter
-        points, scale = seen.points, scatter.sharp_px
-        by_depth, _ = self._depth_alone.align(key, seen.samples, points, starts[0])
-        tried = [
-            self._registration.align(
-                key.edges, seen.samples, start[None], key.planes, points, term, lag, scale
+        key, scatter = self._keyframe, self._judge.scatter
+
+        def align(part: Seen, start: NDArray[np.float64]) -> Alignment:
+            return self._registration.align(
+                key.edges,
+                part.samples,
+                start[None],
+                key.planes,
+                part.points,
+                term,
+                self._lag(part),
+                scatter.sharp_px,
             )
-            for start in (*starts, found.T_ref_cur, by_depth.T_ref_cur)
-        ]
-        best = max(tried, key=scatter.in_place)
+
+        by_depth, _ = self._depth_alone.align(key, seen.samples, seen.points, starts[0])
+        few = replace(seen, samples=seen.samples.every(STRIDE))
+        tried = [align(few, T) for T in (*starts, found.T_ref_cur, by_depth.T_ref_cur)]
+        best = align(seen, max(tried, key=scatter.in_place).T_ref_cur)
         return best if scatter.is_sharper(best, found) else found
 
     def _is_off_planes(self, found: Alignment) -> bool:
@@ -732,7 +742,16 @@ class Odometry:
             better = self._information.is_better(covariance, period)
         due = self._anchor is None and is_due(rule, T_key_cur, share, age, well_placed=better)
         if due:
-            self._set_keyframe(seen, self._velocity if follows else None)
+            places = still is None and follows and status is Status.TRACKED
+            if places and self.config.keyframes.window > 1 and covariance is not None:
+                with self._clock("keyframe"):
+                    term = self._shared.term(self._fitter.term)
+                    self._T_world_last = self._window.place(
+                        keyframe, seen, T_key_cur, covariance, term
+                    )
+                self._window.take(self._set_keyframe(seen, self._velocity))
+            else:
+                self._set_keyframe(seen, self._velocity if follows else None)
         elif follows:
             self._renew_keyframe()
         return self._keep(
@@ -838,7 +857,7 @@ class Odometry:
             with self._clock("keyframe"):
                 self._store.add(self._front_end.keyframe(seen, good.index, good.T_world_cam, piece))
 
-    def _set_keyframe(self, seen: Seen, velocity: NDArray[np.float64] | None) -> None:
+    def _set_keyframe(self, seen: Seen, velocity: NDArray[np.float64] | None) -> Keyframe:
         """Make a frame the keyframe, its parts moved by the velocity where that is known."""
         with self._clock("keyframe"):
             if velocity is not None:  # measured by now, no longer expected
@@ -854,6 +873,7 @@ class Odometry:
             )
             self._take_keyframe(keyframe)
             self._instants.hold(keyframe, seen, edges, velocity)
+        return keyframe
 
     def _renew_keyframe(self) -> None:
         """Move the parts of the keyframe, where more is known by now of when they were taken."""

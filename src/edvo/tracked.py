@@ -26,7 +26,9 @@ class TrackedFrame:
         Maps points from the camera to the world, which is the first camera. Only predicted
         where the status is ``LOST``.
     T_key_cur : ndarray of float64, shape (4, 4)
-        Maps points from the camera to that of the keyframe it was registered with.
+        Maps points from the camera to that of the keyframe it was registered with. Where the frame
+        becomes a keyframe itself, ``T_world_cam`` may differ from that keyframe's pose times this
+        by a little: it is then placed by more than one (``keyframes.window``).
     keyframe : int
         Index of that keyframe; -1 where there is none yet.
     is_keyframe : bool

@@ -79,6 +79,8 @@ VARIANTS = (
         "keyframe: after 0.1 m or 8 degrees",
         ("keyframes.max_translation_m=0.1", "keyframes.max_rotation_deg=8"),
     ),
+    Variant("keyframe: placed by the last one alone", ("keyframes.window=1",)),
+    Variant("keyframe: placed by the last ones together", ("keyframes.window=5",)),
     Variant("keyframe: earlier where well constrained", ("keyframes.early_share=0.67",)),
     Variant("depth: at the instant of colour", ("motion.depth_delay=none",)),
     Variant("depth: at the instant of its stamp", ("motion.depth_delay=stamps",)),

@@ -1,0 +1,195 @@
+"""A short window over keyframe poses: a new one is placed by more than the one before it.
+
+Not in the paper, which takes each keyframe's pose from the one before. A hand goes to and fro, so
+that an earlier one is often as near. The frame that is to be a keyframe is registered with it,
+too, and the poses of the last few keyframes are solved for together from all such registrations,
+each weighed by its covariance; the oldest stays where it is. Poses that were given stay.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edvo import se3
+from edvo.config import Config
+from edvo.keyframes import Keyframe
+from edvo.planes import DepthTerm
+from edvo.registration import FAILURES, Registration
+from edvo.search import Seen
+from edvo.uncertainty import Uncertainty
+
+REACH = 1.5  # times how far a keyframe is used: one farther from the new one shows too little of it
+LEAST_FIT = 0.6  # of the samples, in place and turned alike
+LARGEST = 16.8  # squared difference to what is known, over its covariance: 99 % of them by chance
+STEPS = 2  # Gauss-Newton; poses are millimetres off
+STRIDE = 2  # one sample in so many: a keyframe must not cost a hitch
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """A registration of one keyframe with another.
+
+    Attributes
+    ----------
+    first, second : int
+        Positions in the window.
+    T_first_second : ndarray of float64, shape (4, 4)
+    covariance : ndarray of float64, shape (6, 6)
+        Of the left perturbation of ``T_first_second``; see `Uncertainty`.
+    """
+
+    first: int
+    second: int
+    T_first_second: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+
+
+class KeyframeWindow:
+    """Places new keyframes by the last few, all together.
+
+    Parameters
+    ----------
+    config : Config
+    registration : Registration
+    uncertainty : Uncertainty
+    """
+
+    def __init__(
+        self, config: Config, registration: Registration, uncertainty: Uncertainty
+    ) -> None:
+        self._limits = config.keyframes
+        self._registration = registration
+        self._uncertainty = uncertainty
+        self._keyframes: list[Keyframe] = []
+        self._poses: list[NDArray[np.float64]] = []
+        self._links: list[Link] = []
+
+    def place(
+        self,
+        last: Keyframe,
+        seen: Seen,
+        T_last_cur: NDArray[np.float64],
+        covariance: NDArray[np.float64],
+        term: DepthTerm,
+    ) -> NDArray[np.float64]:
+        """Say where a frame is that is to be the next keyframe.
+
+        Parameters
+        ----------
+        last : Keyframe
+            The one before.
+        seen : Seen
+            The frame, its parts moved to its instant.
+        T_last_cur : ndarray of float64, shape (4, 4)
+            How it was registered with the last one, and
+        covariance : ndarray of float64, shape (6, 6)
+            of that motion.
+        term : DepthTerm
+            What depth counts.
+
+        Returns
+        -------
+        ndarray of float64, shape (4, 4)
+            T_world_cam.
+        """
+        self._resume(last)
+        new = len(self._keyframes)
+        self._poses.append(self._poses[-1] @ T_last_cur)
+        self._links.append(Link(new - 1, new, T_last_cur, covariance))
+        nearest = self._nearest()
+        if nearest is not None:
+            link = self._register(nearest, seen, term)
+            if link is not None and self._surprise(link) < LARGEST:
+                self._links.append(link)
+                self._solve()
+        return self._poses[-1]
+
+    def take(self, keyframe: Keyframe) -> None:
+        """Note the keyframe that was made of the frame placed last.
+
+        Parameters
+        ----------
+        keyframe : Keyframe
+        """
+        self._keyframes.append(keyframe)
+        self._poses[-1] = keyframe.T_world_key
+        while len(self._keyframes) >= max(self._limits.window, 2):
+            del self._keyframes[0], self._poses[0]
+            self._links = [
+                Link(each.first - 1, each.second - 1, each.T_first_second, each.covariance)
+                for each in self._links
+                if each.first > 0
+            ]
+
+    def _resume(self, last: Keyframe) -> None:
+        """Go on from a keyframe, or begin with it where it is not the one taken last."""
+        known = bool(self._keyframes) and self._keyframes[-1].index == last.index
+        if known and np.array_equal(self._poses[-1], last.T_world_key):  # else its piece was moved
+            self._keyframes[-1] = last  # its parts may have been
+        else:
+            self._keyframes, self._poses, self._links = [last], [last.T_world_key], []
+
+    def _nearest(self) -> int | None:
+        """Position of the keyframe before the last one that is nearest to the new one."""
+        bound_m = REACH * self._limits.max_translation_m
+        bound_rad = REACH * np.radians(self._limits.max_rotation_deg)
+        best, least = None, bound_m
+        for i, T_world_key in enumerate(self._poses[:-2]):
+            T = se3.inverse(T_world_key) @ self._poses[-1]
+            away = float(np.linalg.norm(T[:3, 3]))
+            if away < least and se3.rotation_angle(T) < bound_rad:
+                best, least = i, away
+        return best
+
+    def _register(self, i: int, seen: Seen, term: DepthTerm) -> Link | None:
+        """Register the new one with an earlier one, if they show the same for the most part."""
+        key, points = self._keyframes[i], seen.points
+        samples = seen.samples.every(STRIDE)
+        start = se3.inverse(self._poses[i]) @ self._poses[-1]
+        found = self._registration.align(key.edges, samples, start[None], key.planes, points, term)
+        if found.reason in FAILURES or found.agreeing < LEAST_FIT * len(samples):
+            return None
+        covariance = self._uncertainty.covariance(
+            key.edges, samples, key.planes, points, term, found
+        )
+        return Link(i, len(self._poses) - 1, found.T_ref_cur, covariance)
+
+    def _surprise(self, link: Link) -> float:
+        """How far a registration is from what those from keyframe to keyframe say, squared.
+
+        Of the covariance of both; images that repeat, or things that move, contradict by more than
+        chance does.
+        """
+        T_first_second = se3.inverse(self._poses[link.first]) @ self._poses[link.second]
+        away = se3.log(T_first_second @ se3.inverse(link.T_first_second))
+        covariance = link.covariance.copy()
+        for each in self._links:
+            if link.first <= each.first and each.second == each.first + 1:
+                T = se3.inverse(self._poses[link.first]) @ self._poses[each.first]
+                carry = se3.adjoint(T)
+                covariance += carry @ each.covariance @ carry.T
+        return float(away @ np.linalg.solve(covariance, away))
+
+    def _solve(self) -> None:
+        """Move the poses but the first to where they agree best with all registrations."""
+        n = len(self._poses)
+        ends = [(link.first, link.second) for link in self._links]
+        weights = np.linalg.inv([link.covariance for link in self._links])
+        for _ in range(STEPS):
+            H, b = np.zeros((n, n, 6, 6)), np.zeros((n, 6))
+            for (i, j), W, link in zip(ends, weights, self._links, strict=True):
+                T = se3.inverse(self._poses[i]) @ self._poses[j]
+                away = se3.log(T @ se3.inverse(link.T_first_second))
+                carry = se3.adjoint(T)  # d away / d pose j; that by pose i is -1
+                across = W @ carry
+                H[i, i] += W
+                H[j, j] += carry.T @ across
+                H[i, j] -= across
+                H[j, i] -= across.T
+                b[i] -= W @ away
+                b[j] += across.T @ away
+            free = H[1:, 1:].transpose(0, 2, 1, 3).reshape(6 * n - 6, 6 * n - 6)
+            steps = -np.linalg.solve(free, b[1:].ravel()).reshape(-1, 6)
+            for k, step in enumerate(steps, 1):
+                self._poses[k] = self._poses[k] @ se3.exp(step)
