@@ -145,6 +145,36 @@ def test_no_stage_is_left_with_matches_of_samples_that_it_does_not_take(count: i
             assert step.matches <= -(-count // max(count // 400, 1))
 
 
+@pytest.mark.parametrize("criterion", ["robust-then-normal", "robust", "normal"])
+def test_edges_are_looked_up_before_any_criterion(criterion: str) -> None:
+    far = Registration(problems.VGA, MatchingConfig(criterion=criterion), RegistrationConfig())
+    truth = problems.motion(np.random.default_rng(3), 0.02, 1.0)
+    problem = problems.segments_problem(3, truth, count=1500, segments=60)
+    index = far.index(problem.reference)
+    found = far.align(index, problem.samples, np.eye(4)[None], far=True)
+    assert max(problems.error(truth, found.T_ref_cur)) < 1e-3
+    assert found.steps()[0].looked_up
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 8])
+def test_exact_matches_follow_however_few_the_iterations(count: int) -> None:
+    problem = problems.segments_problem(2, problems.motion(np.random.default_rng(2)), count=1500)
+    far = registration(max_iterations=count)
+    index = far.index(problem.reference)
+    found = far.align(index, problem.samples, np.eye(4)[None], far=True)
+    assert sum(step.looked_up for step in found.steps()) <= count // 2
+    exact = twins.warp_and_match(
+        problem.reference,
+        problem.samples.points(problem.camera),
+        problem.samples.gradients,
+        problem.camera,
+        found.T_ref_cur,
+        ROBUST,
+    )
+    same = found.matches == exact.matches
+    assert same.mean() > 0.8  # the last step moved some of them on
+
+
 def test_without_samples_to_look_up_a_far_registration_is_a_near_one() -> None:
     problem = problems.segments_problem(2, problems.motion(np.random.default_rng(2)))
     plain = registration(coarse_samples=0)

@@ -8,9 +8,8 @@ import pytest
 
 from edvo import se3
 from edvo.config import Config
-from edvo.kernels import TOO_FEW
 from edvo.odometry import Odometry
-from edvo.registration import REASONS
+from edvo.registration import EDGES_ALONE
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
 from edvo.window import KeyframeWindow
 
@@ -20,11 +19,11 @@ SIGMA = 1e-3
 class Given:
     """Stands in for registration and covariance: what is found with an earlier keyframe."""
 
-    def __init__(self, T_world_cam, agreeing=100, reason="converged", scale=1.0):
-        self.T_world_cam, self.agreeing, self.reason, self.scale = (
+    def __init__(self, T_world_cam, agreeing=100, converged=True, scale=1.0):
+        self.T_world_cam, self.agreeing, self.converged, self.scale = (
             T_world_cam,
             agreeing,
-            reason,
+            converged,
             scale,
         )
         self.asked = []
@@ -32,7 +31,7 @@ class Given:
     def align(self, edges, samples, starts, *_):
         self.asked.append(edges)
         T = se3.inverse(edges.T_world_key) @ self.T_world_cam
-        return SimpleNamespace(reason=self.reason, agreeing=self.agreeing, T_ref_cur=T)
+        return SimpleNamespace(converged=self.converged, agreeing=self.agreeing, T_ref_cur=T)
 
     def covariance(self, *_):
         return self.scale * SIGMA**2 * np.eye(6)
@@ -47,6 +46,7 @@ def at(x, y=0.0, z=0.0):
     return se3.exp([x, y, z, 0, 0, 0])
 
 
+TERM = EDGES_ALONE._replace(weight=1.0)
 SEEN = SimpleNamespace(samples=SimpleNamespace(every=lambda n: range(100)), points=None)
 
 
@@ -61,7 +61,7 @@ class Walk:
 
     def go(self, T_last_cur, scale=1.0):
         C = scale * SIGMA**2 * np.eye(6)
-        T = self.window.place(self.last, SEEN, T_last_cur, C, None)
+        T = self.window.place(self.last, SEEN, T_last_cur, C, TERM)
         self.last = keyframe(self.last.index + 1, T)
         self.window.take(self.last)
         return T
@@ -114,7 +114,7 @@ def test_of_the_poses_solved_for_none_costs_less():
             SEEN,
             step @ se3.exp(rng.normal(0, 0.5 * SIGMA, 6)),
             np.diag(rng.uniform(1, 3, 6)) * SIGMA**2,
-            None,
+            TERM,
         )
     poses, links = walk.window._poses, walk.window._links
     assert any(link.second > link.first + 1 for link in links)
@@ -149,7 +149,7 @@ def test_the_nearest_earlier_one_is_asked():
     "given",
     [
         Given(at(0.2), agreeing=59),
-        Given(at(0.2), reason=REASONS[TOO_FEW]),
+        Given(at(0.2), converged=False),
         Given(at(0.2 + 10 * SIGMA)),  # beyond chance
     ],
 )
@@ -158,6 +158,25 @@ def test_what_does_not_fit_is_left_out(given):
     walk.go(at(0.1))
     np.testing.assert_array_equal(walk.go(at(0.1)), at(0.1) @ at(0.1))
     assert len(given.asked) == 1
+
+
+@pytest.mark.parametrize(("jump", "is_believed"), [(0.015, True), (0.04, False)])
+def test_a_jump_is_not_believed_however_likely_it_is(jump, is_believed):
+    walk = Walk(Given(at(0.2 + jump)))
+    walk.go(at(0.1), scale=1e4)  # known to 10 cm
+    T = walk.go(at(0.1), scale=1e4)
+    assert abs(T[0, 3] - 0.2) == pytest.approx(jump if is_believed else 0.0, abs=1e-5)
+    assert len(walk.window._links) == (3 if is_believed else 2)
+
+
+def test_of_those_at_the_same_place_the_one_turned_alike_is_asked():
+    given = Given(np.eye(4))
+    walk = Walk(given)
+    for step, yaw in ((-17, -17), (16, -1), (-8, -9), (7, -2)):
+        given.T_world_cam = se3.exp([0, 0, 0, 0, np.radians(yaw), 0])
+        walk.go(se3.exp([0, 0, 0, 0, np.radians(step), 0]))
+    # 0 alone is before the last at first; then 1 is 8 degrees away, 0 is 9; then 2 is 1, 0 is 2
+    assert [edges.index for edges in given.asked] == [0, 1, 2]
 
 
 def test_one_that_is_far_is_not_asked():
@@ -191,6 +210,17 @@ def test_it_begins_anew_from_a_keyframe_that_it_does_not_know(moved):
     walk.last = keyframe(index, at(1.0))
     np.testing.assert_array_equal(walk.go(at(0.1)), at(1.0) @ at(0.1))
     assert len(given.asked) == asked
+
+
+@pytest.mark.parametrize("without", ["status.covariance=none", "keyframes.window=2"])
+def test_without_covariances_or_earlier_ones_the_last_one_places_it(to_and_fro, without):
+    source, frames = to_and_fro
+    close = ["keyframes.max_translation_m=0.04", "keyframes.max_rotation_deg=2"]
+    poses = []
+    for overrides in ([without], [without, "keyframes.window=1"]):
+        odometry = Odometry(source.camera, Config().with_overrides([*close, *overrides]))
+        poses.append([odometry.track(frame).T_world_cam for frame in frames])
+    np.testing.assert_array_equal(*poses)
 
 
 @pytest.fixture(scope="module")

@@ -277,8 +277,8 @@ class KeyframesConfig(Section):
     window: Annotated[int, Field(ge=1)] = Field(
         default=5,
         description="a new keyframe is registered with one before the last, too, where that is "
-        "near, and the poses of so many keyframes are solved for together; 1: it is placed by the "
-        "last one alone. With status.covariance. Not in the paper",
+        "near, and the poses of so many keyframes are solved for together; 1 or 2: it is placed by "
+        "the last one alone. With status.covariance. Not in the paper",
     )
     stored: Annotated[int, Field(ge=0)] = Field(
         default=30,

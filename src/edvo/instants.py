@@ -63,7 +63,9 @@ class Instants:
         motion = config.motion
         self._is_on = motion.depth_delay != "none" or motion.readout != "none"
         self._registration, self._fitter = registration, fitter
-        self._rough = config.edges.model_copy(update={"depth_window_px": ROUGH_PX})
+        self._rough = config.edges.model_copy(
+            update={"depth_window_px": min(ROUGH_PX, config.edges.depth_window_px)}
+        )
         self.depth = DepthDelay(camera, fitter, motion.depth_delay)
         self.rolling = RollingShutter(camera, registration.solver, motion.readout)
         self.forget()

@@ -1833,9 +1833,13 @@ def align(
             near_count = match_planes(planes, surface, camera, there, term, near, apart)
         damping = solver.damping
         rejections, rejected = 0, 0.0
+        sigma_d, balance = 1.0, 0.0
         stale = True
         reason = EXHAUSTED
-        while iterations < solver.max_iterations:
+        budget = solver.max_iterations
+        if stage == LOOK_UP:
+            budget //= 2  # exact matches have to follow
+        while iterations < budget:
             if count * every < solver.min_matches:
                 reason = TOO_FEW
                 break
@@ -1850,10 +1854,10 @@ def align(
                 if near_count * apart >= term.min_points:
                     sigma_d = median_scale(near.residuals, near_count, MIN_PLANE_SIGMA)
                     balance = term.weight / (1 + sigma_d / term.doubt)
-                    balance *= apart * (1 + (term.edge_doubt / sigma) ** 2)
-                    cost += balance / n * plane_cost(near, near_count, asked, sigma_d)
+                    balance *= 1 + (term.edge_doubt / sigma) ** 2
+                    cost += apart * balance / n * plane_cost(near, near_count, asked, sigma_d)
                     plane_equations(near, near_count, sigma_d, H_planes, b_planes)
-                    scale = balance * (sigma / sigma_d) ** 2 / every
+                    scale = apart * balance * (sigma / sigma_d) ** 2 / every
                     for i in range(6):
                         b[i] += scale * moves * b_planes[i]
                         for j in range(6):
@@ -1908,7 +1912,12 @@ def align(
                         planes, surface, camera, there, term, near_trial, apart
                     )
                 if balance > 0:
-                    row[7] += balance / n * plane_cost(near_trial, near_trial_count, asked, sigma_d)
+                    row[7] += (
+                        apart
+                        * balance
+                        / n
+                        * plane_cost(near_trial, near_trial_count, asked, sigma_d)
+                    )
             if row[7] < cost:
                 row[6] = 1
                 T[:] = trial_T

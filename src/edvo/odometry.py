@@ -351,7 +351,7 @@ class Odometry:
 
         Where light makes edges come and go at once, half of them belong to no edge of the
         keyframe: a scale that is taken from all of them lets them count. Depth knows no light, so
-        that one more start is where it leads from the first.
+        that one more start is where it leads from the first. Few samples tell the best start.
         """
         assert self._keyframe is not None
         key, scatter = self._keyframe, self._judge.scatter
@@ -743,7 +743,7 @@ class Odometry:
         due = self._anchor is None and is_due(rule, T_key_cur, share, age, well_placed=better)
         if due:
             places = still is None and follows and status is Status.TRACKED
-            if places and self.config.keyframes.window > 1 and covariance is not None:
+            if places and self.config.keyframes.window > 2 and covariance is not None:
                 with self._clock("keyframe"):
                     term = self._shared.term(self._fitter.term)
                     self._T_world_last = self._window.place(

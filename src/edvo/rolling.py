@@ -172,8 +172,8 @@ def unroll(
     depths = edges.depths if depths is None else depths
     typical = np.float32(np.inf)
     if np.count_nonzero(depths) < len(depths):
-        some = depths[:: max(len(depths) // TYPICAL_EDGES, 1)]
-        known = some[some > 0]
+        known = depths[depths > 0]
+        known = known[:: max(len(known) // TYPICAL_EDGES, 1)]
         typical = np.float32(np.median(known)) if len(known) else typical
     pixels, moved = np.empty_like(edges.pixels), np.empty_like(depths)
     kernels.unroll_pixels(edges.pixels, depths, typical, rows, velocity, camera, pixels, moved)

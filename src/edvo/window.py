@@ -15,13 +15,14 @@ from edvo import se3
 from edvo.config import Config
 from edvo.keyframes import Keyframe
 from edvo.planes import DepthTerm
-from edvo.registration import FAILURES, Registration
+from edvo.registration import Registration
 from edvo.search import Seen
 from edvo.uncertainty import Uncertainty
 
 REACH = 1.5  # times how far a keyframe is used: one farther from the new one shows too little of it
 LEAST_FIT = 0.6  # of the samples, in place and turned alike
 LARGEST = 16.8  # squared difference to what is known, over its covariance: 99 % of them by chance
+JUMP_M, JUMP_RAD = 0.02, 0.02  # more at once would look as if something moved: not believed
 STEPS = 2  # Gauss-Newton; poses are millimetres off
 STRIDE = 2  # one sample in so many: a keyframe must not cost a hitch
 
@@ -101,8 +102,7 @@ class KeyframeWindow:
         if nearest is not None:
             link = self._register(nearest, seen, term)
             if link is not None and self._surprise(link) < LARGEST:
-                self._links.append(link)
-                self._solve()
+                self._join(link)
         return self._poses[-1]
 
     def take(self, keyframe: Keyframe) -> None:
@@ -114,7 +114,7 @@ class KeyframeWindow:
         """
         self._keyframes.append(keyframe)
         self._poses[-1] = keyframe.T_world_key
-        while len(self._keyframes) >= max(self._limits.window, 2):
+        while len(self._keyframes) >= self._limits.window:
             del self._keyframes[0], self._poses[0]
             self._links = [
                 Link(each.first - 1, each.second - 1, each.T_first_second, each.covariance)
@@ -131,15 +131,15 @@ class KeyframeWindow:
             self._keyframes, self._poses, self._links = [last], [last.T_world_key], []
 
     def _nearest(self) -> int | None:
-        """Position of the keyframe before the last one that is nearest to the new one."""
+        """Position of the nearest keyframe before the last one; a radian counts as a metre."""
         bound_m = REACH * self._limits.max_translation_m
         bound_rad = REACH * np.radians(self._limits.max_rotation_deg)
-        best, least = None, bound_m
+        best, least = None, np.inf
         for i, T_world_key in enumerate(self._poses[:-2]):
             T = se3.inverse(T_world_key) @ self._poses[-1]
-            away = float(np.linalg.norm(T[:3, 3]))
-            if away < least and se3.rotation_angle(T) < bound_rad:
-                best, least = i, away
+            away, turned = float(np.linalg.norm(T[:3, 3])), se3.rotation_angle(T)
+            if away < bound_m and turned < bound_rad and away + turned < least:
+                best, least = i, away + turned
         return best
 
     def _register(self, i: int, seen: Seen, term: DepthTerm) -> Link | None:
@@ -147,8 +147,9 @@ class KeyframeWindow:
         key, points = self._keyframes[i], seen.points
         samples = seen.samples.every(STRIDE)
         start = se3.inverse(self._poses[i]) @ self._poses[-1]
+        term = term._replace(weight=term.weight / STRIDE)  # of all points, beside these edges
         found = self._registration.align(key.edges, samples, start[None], key.planes, points, term)
-        if found.reason in FAILURES or found.agreeing < LEAST_FIT * len(samples):
+        if not found.converged or found.agreeing < LEAST_FIT * len(samples):
             return None
         covariance = self._uncertainty.covariance(
             key.edges, samples, key.planes, points, term, found
@@ -158,8 +159,8 @@ class KeyframeWindow:
     def _surprise(self, link: Link) -> float:
         """How far a registration is from what those from keyframe to keyframe say, squared.
 
-        Of the covariance of both; images that repeat, or things that move, contradict by more than
-        chance does.
+        Over the covariance of both, as if the path were known by these alone: images that repeat,
+        or things that move, contradict by more than chance does.
         """
         T_first_second = se3.inverse(self._poses[link.first]) @ self._poses[link.second]
         away = se3.log(T_first_second @ se3.inverse(link.T_first_second))
@@ -170,6 +171,15 @@ class KeyframeWindow:
                 carry = se3.adjoint(T)
                 covariance += carry @ each.covariance @ carry.T
         return float(away @ np.linalg.solve(covariance, away))
+
+    def _join(self, link: Link) -> None:
+        """Solve for the poses with one more registration, unless that makes the new one jump."""
+        before, known = list(self._poses), list(self._links)
+        self._links.append(link)
+        self._solve()
+        T = se3.inverse(before[-1]) @ self._poses[-1]
+        if np.linalg.norm(T[:3, 3]) > JUMP_M or se3.rotation_angle(T) > JUMP_RAD:
+            self._poses, self._links = before, known
 
     def _solve(self) -> None:
         """Move the poses but the first to where they agree best with all registrations."""
