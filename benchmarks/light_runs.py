@@ -193,9 +193,11 @@ def look_closely(clip: Clip, relighter: Relighter, config: Config) -> list[Look]
     given: list[tuple[EdgeIndex, EdgePixels]] = []
     align = Registration.align
 
-    def keep(self: Registration, reference: EdgeIndex, samples: EdgePixels, *rest: Any) -> Any:
+    def keep(
+        self: Registration, reference: EdgeIndex, samples: EdgePixels, *rest: Any, **options: Any
+    ) -> Any:
         given.append((reference, samples))
-        return align(self, reference, samples, *rest)
+        return align(self, reference, samples, *rest, **options)
 
     truth = clip.truth
     true = [truth.poses[truth.nearest(frame.timestamp)] for frame in clip.frames]

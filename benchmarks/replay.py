@@ -29,10 +29,13 @@ class Caught:
     samples: EdgePixels
     starts: NDArray[np.float64]
     depth: tuple[Any, ...]
+    options: dict[str, Any]
 
     def align(self) -> Alignment:
         """Register again."""
-        return self.registration.align(self.reference, self.samples, self.starts, *self.depth)
+        return self.registration.align(
+            self.reference, self.samples, self.starts, *self.depth, **self.options
+        )
 
 
 @dataclass(frozen=True)
@@ -64,9 +67,11 @@ def catch(recording: Recording, config: Config, count: int) -> CaughtRun:
         samples: EdgePixels,
         starts: NDArray[np.float64],
         *depth: Any,
+        **options: Any,
     ) -> Alignment:
-        caught.append(Caught(recording.camera, self, reference, samples, starts, depth))
-        return align(self, reference, samples, starts, *depth)
+        given = Caught(recording.camera, self, reference, samples, starts, depth, options)
+        caught.append(given)
+        return align(self, reference, samples, starts, *depth, **options)
 
     clock = StageClock()
     odometry = Odometry(recording.camera, config, clock=clock)
