@@ -749,6 +749,7 @@ class Odometry:
                     self._T_world_last = self._window.place(
                         keyframe, seen, T_key_cur, covariance, term
                     )
+                T_key_cur = se3.inverse(keyframe.T_world_key) @ self._T_world_last
                 self._window.take(self._set_keyframe(seen, self._velocity))
             else:
                 self._set_keyframe(seen, self._velocity if follows else None)

@@ -27,8 +27,8 @@ class TrackedFrame:
         where the status is ``LOST``.
     T_key_cur : ndarray of float64, shape (4, 4)
         Maps points from the camera to that of the keyframe it was registered with. Where the frame
-        becomes a keyframe itself, ``T_world_cam`` may differ from that keyframe's pose times this
-        by a little: it is then placed by more than one (``keyframes.window``).
+        becomes a keyframe itself, and is placed by an earlier one, too (``keyframes.window``), it
+        is what follows from that, and no longer the ``alignment``'s alone.
     keyframe : int
         Index of that keyframe; -1 where there is none yet.
     is_keyframe : bool
