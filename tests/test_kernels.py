@@ -468,6 +468,15 @@ class Warp:
             self.residual == kernels.SIGNED,
         )
 
+    def check(self, T):
+        """Assert that the matches the kernel holds are the best that there are."""
+        expected = self.fresh(T)
+        found = expected.matched
+        np.testing.assert_array_equal(self.state.edge >= 0, found)
+        np.testing.assert_allclose(
+            self.costs(T)[found], expected.costs[found], rtol=1e-6, atol=1e-4
+        )
+
     def costs(self, T):
         """Costs of the matches that the kernel holds, by Eq. (6) in float64."""
         edge = self.state.edge
@@ -515,12 +524,7 @@ def test_matches_kept_without_a_search_are_still_the_best(criterion, start):
     for size in (0.0, 1e-6, 1e-4, 1e-3, 3e-3, 1e-2, 1e-4, 0.1, 1e-3, 1e-5, 3e-3, 3e-3):
         T = problems.motion(rng, size * 2 + 1e-12, size * 60 + 1e-12) @ T
         warp(T)
-        expected = warp.fresh(T)
-        np.testing.assert_array_equal(warp.state.edge >= 0, expected.matched)
-        found = expected.matched
-        np.testing.assert_allclose(
-            warp.costs(T)[found], expected.costs[found], rtol=1e-6, atol=1e-4
-        )
+        warp.check(T)
 
 
 def test_samples_behind_the_camera_or_outside_of_the_image_have_no_match(rng):

@@ -1493,11 +1493,10 @@ def warp_and_match(
         if nearby.keys.size > 0 and (k < 0 or stage == LOOK_UP):
             k = near_edge(nearby, u, v, gu, gv)
             matches.bound[i] = 0
-        kept = False
-        if stage == LOOK_UP:
+        kept = stage == LOOK_UP
+        if kept:
             if k < 0 or match_cost(grid.points, k, u, v, gu, gv, criterion) == np.inf:
                 continue
-            kept = True
         elif k >= 0:
             cost = match_cost(grid.points, k, u, v, gu, gv, criterion)
             mu, mv = u - matches.query[i, 0], v - matches.query[i, 1]
@@ -1912,12 +1911,8 @@ def align(
                         planes, surface, camera, there, term, near_trial, apart
                     )
                 if balance > 0:
-                    row[7] += (
-                        apart
-                        * balance
-                        / n
-                        * plane_cost(near_trial, near_trial_count, asked, sigma_d)
-                    )
+                    off = plane_cost(near_trial, near_trial_count, asked, sigma_d)
+                    row[7] += apart * balance / n * off
             if row[7] < cost:
                 row[6] = 1
                 T[:] = trial_T

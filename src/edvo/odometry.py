@@ -741,18 +741,11 @@ class Odometry:
         if rule.early_share < 1 and covariance is not None:
             better = self._information.is_better(covariance, period)
         due = self._anchor is None and is_due(rule, T_key_cur, share, age, well_placed=better)
-        if due:
-            places = still is None and follows and status is Status.TRACKED
-            if places and self.config.keyframes.window > 2 and covariance is not None:
-                with self._clock("keyframe"):
-                    term = self._shared.term(self._fitter.term)
-                    self._T_world_last = self._window.place(
-                        keyframe, seen, T_key_cur, covariance, term
-                    )
-                T_key_cur = se3.inverse(keyframe.T_world_key) @ self._T_world_last
-                self._window.take(self._set_keyframe(seen, self._velocity))
-            else:
-                self._set_keyframe(seen, self._velocity if follows else None)
+        together = rule.window > 2 and still is None and follows and status is Status.TRACKED
+        if due and together and covariance is not None:
+            T_key_cur = self._place_keyframe(seen, T_key_cur, covariance)
+        elif due:
+            self._set_keyframe(seen, self._velocity if follows else None)
         elif follows:
             self._renew_keyframe()
         return self._keep(
@@ -857,6 +850,17 @@ class Odometry:
             seen = self._front_end.see(good.frame, self._count)
             with self._clock("keyframe"):
                 self._store.add(self._front_end.keyframe(seen, good.index, good.T_world_cam, piece))
+
+    def _place_keyframe(
+        self, seen: Seen, T_key_cur: NDArray[np.float64], covariance: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Make a frame the keyframe where the last few place it; gives T_key_cur by that."""
+        assert self._keyframe is not None
+        last, term = self._keyframe, self._shared.term(self._fitter.term)
+        with self._clock("keyframe"):
+            self._T_world_last = self._window.place(last, seen, T_key_cur, covariance, term)
+        self._window.take(self._set_keyframe(seen, self._velocity))
+        return se3.inverse(last.T_world_key) @ self._T_world_last
 
     def _set_keyframe(self, seen: Seen, velocity: NDArray[np.float64] | None) -> Keyframe:
         """Make a frame the keyframe, its parts moved by the velocity where that is known."""

@@ -15,9 +15,9 @@ from edvo.measuring import Changes, Equations, Estimate, Moment
 from edvo.planes import camera_of
 
 EXPECTED_S = 0.01  # how long a readout takes, before anything is known (one sigma)
-TYPICAL_EDGES = 2000  # and more tell the depth that stands in where there is none
 LARGEST_S = 0.033  # that is believed: a frame of 30 a second
 LEAST_S = 1e-3  # that matters
+TYPICAL_EDGES = 2000  # so many depths, or more, tell the one that stands in where there is none
 NO_ROWS = np.empty(0)
 
 

@@ -135,8 +135,8 @@ class KeyframeWindow:
         bound_m = REACH * self._limits.max_translation_m
         bound_rad = REACH * np.radians(self._limits.max_rotation_deg)
         best, least = None, np.inf
-        for i, T_world_key in enumerate(self._poses[:-2]):
-            T = se3.inverse(T_world_key) @ self._poses[-1]
+        for i in range(len(self._poses) - 2):
+            T = self._between(i, -1)
             away, turned = float(np.linalg.norm(T[:3, 3])), se3.rotation_angle(T)
             if away < bound_m and turned < bound_rad and away + turned < least:
                 best, least = i, away + turned
@@ -146,9 +146,9 @@ class KeyframeWindow:
         """Register the new one with an earlier one, if they show the same for the most part."""
         key, points = self._keyframes[i], seen.points
         samples = seen.samples.every(STRIDE)
-        start = se3.inverse(self._poses[i]) @ self._poses[-1]
         term = term._replace(weight=term.weight / STRIDE)  # of all points, beside these edges
-        found = self._registration.align(key.edges, samples, start[None], key.planes, points, term)
+        start = self._between(i, -1)[None]
+        found = self._registration.align(key.edges, samples, start, key.planes, points, term)
         if not found.converged or found.agreeing < LEAST_FIT * len(samples):
             return None
         covariance = self._uncertainty.covariance(
@@ -162,13 +162,11 @@ class KeyframeWindow:
         Over the covariance of both, as if the path were known by these alone: images that repeat,
         or things that move, contradict by more than chance does.
         """
-        T_first_second = se3.inverse(self._poses[link.first]) @ self._poses[link.second]
-        away = se3.log(T_first_second @ se3.inverse(link.T_first_second))
+        away = self._misfit(link)
         covariance = link.covariance.copy()
         for each in self._links:
             if link.first <= each.first and each.second == each.first + 1:
-                T = se3.inverse(self._poses[link.first]) @ self._poses[each.first]
-                carry = se3.adjoint(T)
+                carry = se3.adjoint(self._between(link.first, each.first))
                 covariance += carry @ each.covariance @ carry.T
         return float(away @ np.linalg.solve(covariance, away))
 
@@ -184,14 +182,12 @@ class KeyframeWindow:
     def _solve(self) -> None:
         """Move the poses but the first to where they agree best with all registrations."""
         n = len(self._poses)
-        ends = [(link.first, link.second) for link in self._links]
         weights = np.linalg.inv([link.covariance for link in self._links])
         for _ in range(STEPS):
             H, b = np.zeros((n, n, 6, 6)), np.zeros((n, 6))
-            for (i, j), W, link in zip(ends, weights, self._links, strict=True):
-                T = se3.inverse(self._poses[i]) @ self._poses[j]
-                away = se3.log(T @ se3.inverse(link.T_first_second))
-                carry = se3.adjoint(T)  # d away / d pose j; that by pose i is -1
+            for link, W in zip(self._links, weights, strict=True):
+                i, j, away = link.first, link.second, self._misfit(link)
+                carry = se3.adjoint(self._between(i, j))  # d away / d pose j; by pose i it is -1
                 across = W @ carry
                 H[i, i] += W
                 H[j, j] += carry.T @ across
@@ -203,3 +199,12 @@ class KeyframeWindow:
             steps = -np.linalg.solve(free, b[1:].ravel()).reshape(-1, 6)
             for k, step in enumerate(steps, 1):
                 self._poses[k] = self._poses[k] @ se3.exp(step)
+
+    def _between(self, i: int, j: int) -> NDArray[np.float64]:
+        """Motion between two poses, from the second to the first."""
+        return se3.inverse(self._poses[i]) @ self._poses[j]
+
+    def _misfit(self, link: Link) -> NDArray[np.float64]:
+        """Twist by which the poses differ from a registration, in the camera of the first."""
+        T = self._between(link.first, link.second)
+        return se3.log(T @ se3.inverse(link.T_first_second))
