@@ -66,7 +66,7 @@ def test_a_keyframe_is_moved_once_its_velocity_is_known(problem):
     know(instants)
     problem.hold()
     changed = instants.renewed(keyframe, VELOCITY)
-    T_cam_depth = instants.depth.motion(VELOCITY, problem.frame)
+    T_cam_depth = instants.depth.motion(VELOCITY, problem.frame.depth_delay)
     assert same(changed.planes, problem.fitter.planes(problem.frame.depth, T_cam_depth))
     assert not same(changed.planes, keyframe.planes)
     rough = CONFIG.edges.model_copy(update={"depth_window_px": ROUGH_PX})
@@ -147,7 +147,7 @@ def test_samples_and_points_are_moved_to_the_instant_of_the_image(problem):
     np.testing.assert_allclose(settled.samples.pixels, samples.pixels, atol=1e-3)
     np.testing.assert_allclose(settled.samples.depths, samples.depths, rtol=1e-5)
     assert abs(samples.pixels - seen.samples.pixels).max() > 1
-    T_cam_depth = instants.depth.motion(VELOCITY, problem.frame)
+    T_cam_depth = instants.depth.motion(VELOCITY, problem.frame.depth_delay)
     np.testing.assert_allclose(settled.T_cam_depth, T_cam_depth, atol=1e-12)
     np.testing.assert_allclose(
         settled.points.X, move_points(seen.points, T_cam_depth).X, atol=1e-12

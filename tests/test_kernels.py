@@ -314,6 +314,7 @@ def solver(config=None, **changes):
         "damping_up": config.damping_up,
         "damping_down": config.damping_down,
         "max_rejections": config.max_rejections,
+        "max_stretch": config.max_stretch,
     }
     return kernels.Solver(**{**values, **changes})
 
@@ -628,6 +629,43 @@ def test_align(seed, weight, max_sigma):
     assert alignment.iterations == iterations
     assert alignment.sigma_px <= max_sigma
     assert (alignment.matches == seen.matches).mean() > 0.98  # ties aside
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_stretch_step(seed):
+    rng = np.random.default_rng(seed)
+    rows = rng.normal(size=(9, 6))
+    H, last = rows.T @ rows, rng.normal(size=6)
+    step = last * rng.uniform(-0.5, 1.5) + rng.normal(size=6) * 0.3
+    went, most, stretched = last * rng.uniform(1, 3), rng.uniform(1, 4), np.empty(6)
+    told = kernels.stretch_step(H, step, last, went, most, stretched)
+    expected = twins.stretch_step(H, step, last, went, most)
+    assert told == (expected is not None)
+    if told:
+        np.testing.assert_allclose(stretched, expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("share", [0.9, 0.5, 0.3])
+@pytest.mark.parametrize("taken", [1.0, 1.1])
+def test_a_stretched_step_goes_all_the_way(share, taken):
+    """Where each step takes the same share of the way that is left, two of them tell it."""
+    H, way = np.diag([1.0, 2, 3, 4, 5, 6]), np.arange(1.0, 7)
+    last = share * way
+    left = way - taken * last
+    stretched = np.empty(6)
+    assert kernels.stretch_step(H, share * left, last, taken * last, 4.0, stretched)
+    np.testing.assert_allclose(stretched, left, rtol=1e-9)
+    assert kernels.stretch_step(H, share * left, last, taken * last, 1.0, stretched)
+    np.testing.assert_allclose(stretched, share * left, rtol=1e-9)  # no longer than it may be
+
+
+def test_steps_that_grow_are_stretched_as_far_as_may_be_and_such_that_turn_back_are_not():
+    H, stretched = np.eye(6), np.empty(6)
+    step = np.arange(1.0, 7)
+    assert kernels.stretch_step(H, step, step / 2, step / 2, 3.0, stretched)
+    np.testing.assert_allclose(stretched, 3 * step)
+    assert not kernels.stretch_step(H, step, step, step, 3.0, stretched)  # no telling
+    assert not kernels.stretch_step(H, step, -step / 4, step / 2, 3.0, stretched)
 
 
 def test_a_step_that_was_rejected_is_not_tried_again(monkeypatch):

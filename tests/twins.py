@@ -273,6 +273,17 @@ def scale(residuals, sigma, solver):
     return sigma
 
 
+def stretch_step(H, step, last, went, most):
+    """Lengthen a step by what the one before it has left over; None: there is no telling."""
+    change = step - last
+    if not change @ H @ change > 0:
+        return None
+    mixed = step - (change @ H @ step) / (change @ H @ change) * (went + change)
+    if mixed @ H @ step > 0:
+        return mixed * min(1.0, most * np.sqrt((step @ H @ step) / (mixed @ H @ mixed)))
+    return most * step if last @ H @ step > 0 else None
+
+
 def align(edges, points, gradients, camera, T, robust_criterion, normal_criterion, solver):
     """Iterate Eq. (13)-(14) from T, through both stages; returns T, iterations and Warped."""
     function = NAMES[solver.weight]
@@ -291,7 +302,7 @@ def align(edges, points, gradients, camera, T, robust_criterion, normal_criterio
         def loss(seen, sigma, limit=criterion.limit, few=few):
             return mean_cost(seen.residuals, len(few), sigma, limit, function, solver.tuning)
 
-        now, damping, rejections, accepted = look(T), solver.damping, 0, True
+        now, damping, rejections, accepted, way = look(T), solver.damping, 0, True, None
         while iterations < solver.max_iterations:
             if accepted:
                 sigma = max(scale(now.residuals, sigma, solver), floor)
@@ -302,18 +313,25 @@ def align(edges, points, gradients, camera, T, robust_criterion, normal_criterio
             step = solve_damped(H, b, damping)
             change = np.sqrt(step @ H @ step / W.sum())
             iterations += 1
-            trial_T = se3.exp(step) @ T
             if change < enough:
-                T = trial_T
+                T = se3.exp(step) @ T
                 break
+            longer = None
+            if way is not None and change > kernels.STRETCHED_PX:
+                longer = stretch_step(H, step, *way, solver.max_stretch)
+            taken = step if longer is None else longer
+            trial_T = se3.exp(taken) @ T
             trial = look(trial_T)
             before, after = loss(now, sigma), loss(trial, sigma)
             accepted = after < before
             if accepted:
                 T, now = trial_T, trial
+                way = (step, taken) if solver.max_stretch else None
                 damping, rejections = damping * solver.damping_down, 0
                 if before - after < solver.stop_cost * before:
                     break
+            elif longer is not None:
+                way = None
             else:
                 damping, rejections = damping * solver.damping_up, rejections + 1
                 if rejections > solver.max_rejections:

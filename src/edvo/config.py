@@ -193,6 +193,11 @@ class RegistrationConfig(Section):
     max_rejections: Annotated[int, Field(ge=0)] = Field(
         default=3, description="rejected steps in a row before a stage ends"
     )
+    max_stretch: Annotated[float, Field(ge=0)] = Field(
+        default=3.0,
+        description="times its length that a step may be which goes on as the one before; 0: "
+        "none is lengthened",
+    )
 
 
 class PlanesConfig(Section):
@@ -581,6 +586,7 @@ PRESETS: dict[str, dict[str, Any]] = {
             "coarse_samples": 0,
             "first_sigma_px": 0.0,
             "first_samples": 0,
+            "max_stretch": 0.0,
         },
         "status": {
             "max_conflict": 0.0,

@@ -64,15 +64,15 @@ class DepthDelay:
         """What is to be added to the delay that stamps tell."""
         return self.estimate.value
 
-    def motion(self, velocity: NDArray[np.float64], frame: Frame) -> NDArray[np.float64] | None:
+    def motion(self, velocity: NDArray[np.float64], stamped: float) -> NDArray[np.float64] | None:
         """Say where the camera was when a depth image was taken.
 
         Parameters
         ----------
         velocity : ndarray of float64, shape (6,)
             Of the camera, [v, w] in its own frame, 1/s.
-        frame : Frame
-            With the depth image.
+        stamped : float
+            From the image to its depth by their stamps, seconds.
 
         Returns
         -------
@@ -80,16 +80,16 @@ class DepthDelay:
             Maps points of the depth image to the camera at the instant of the grey image; None
             where it has hardly moved.
         """
-        twist = velocity * self._of(frame)
+        twist = velocity * self._of(stamped)
         if np.abs(twist).max() < LEAST:
             return None
         return se3.exp(twist)
 
-    def _of(self, frame: Frame) -> float:
+    def _of(self, stamped: float) -> float:
         """From the instant of the image to that of depth, seconds."""
         if not self._is_on:
             return 0.0
-        return min(max(_stamped(frame) + self.seconds, -LARGEST_S), LARGEST_S)
+        return min(max(_credible(stamped) + self.seconds, -LARGEST_S), LARGEST_S)
 
     def lag(self, seen: Seen, T_key_last: NDArray[np.float64], period: float) -> Lag:
         """Say when depth was taken, for a registration to move it along with the pose.
@@ -106,7 +106,7 @@ class DepthDelay:
         -------
         Lag
         """
-        delay = self._of(seen.frame)
+        delay = self._of(seen.frame.depth_delay)
         if abs(delay) < LEAST_S:
             return AT_ONCE
         share = delay / period
@@ -128,7 +128,7 @@ class DepthDelay:
         float
             As a share of these.
         """
-        return self._of(frame) / period
+        return self._of(frame.depth_delay) / period
 
     def matters(self, seen: Seen) -> bool:
         """Say whether depth was not taken at the instant of its image.
@@ -141,7 +141,7 @@ class DepthDelay:
         -------
         bool
         """
-        return seen.T_cam_depth is not None or abs(self._of(seen.frame)) >= LEAST_S
+        return seen.T_cam_depth is not None or abs(self._of(seen.frame.depth_delay)) >= LEAST_S
 
     def settled(self, seen: Seen, velocity: NDArray[np.float64]) -> Seen:
         """Move depth by what the camera has moved by, no longer by what was expected.
@@ -157,7 +157,7 @@ class DepthDelay:
         Seen
             Its samples have the depth they had.
         """
-        T_cam_depth = self.motion(velocity, seen.frame)
+        T_cam_depth = self.motion(velocity, seen.frame.depth_delay)
         if T_cam_depth is None and seen.T_cam_depth is None:
             return seen
         now, then = (np.eye(4) if T is None else T for T in (T_cam_depth, seen.T_cam_depth))
@@ -176,7 +176,7 @@ class DepthDelay:
         if not self.estimate.wanted or not alignment.depth_balance:
             return
         T = alignment.T_ref_cur
-        as_stamped = T @ se3.exp(moment.velocity * _stamped(seen.frame))
+        as_stamped = T @ se3.exp(moment.velocity * _credible(seen.frame.depth_delay))
         if seen.T_cam_depth is not None:
             as_stamped = as_stamped @ se3.inverse(seen.T_cam_depth)
         H_planes, b_used = self._equations(moment, T)
@@ -212,6 +212,6 @@ class DepthDelay:
         return H, b
 
 
-def _stamped(frame: Frame) -> float:
+def _credible(stamped: float) -> float:
     """The delay that stamps tell, where they make sense."""
-    return frame.depth_delay if abs(frame.depth_delay) <= LARGEST_S else 0.0
+    return stamped if abs(stamped) <= LARGEST_S else 0.0

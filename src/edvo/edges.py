@@ -16,8 +16,6 @@ from edvo.camera import Camera
 from edvo.config import EdgesConfig
 
 DOG_RATIO = 1.6  # of the two Gaussians: nearest to the Laplacian of a Gaussian (Marr 1980)
-VIEW_ROWS, VIEW_COLS = 4, 6  # cells that a view is summed up by,
-VIEW_EDGES = 8000  # and so many edges at least, where there are as many
 QUANTILE_STEP_PX = 4  # a sixteenth of the pixels tells the quantile of their gradients
 NO_TABLE = np.empty((0, 0, 2), np.float32)
 NO_TABLE.setflags(write=False)  # as Camera.undistortion_table: else its kernel compiles twice
@@ -102,19 +100,6 @@ class EdgeImage:
 
     def __len__(self) -> int:
         return len(self.index)
-
-    def view(self) -> NDArray[np.float64]:
-        """Sum up where in the image edges of which direction lie, to know a place again by.
-
-        Returns
-        -------
-        ndarray of float64, shape (96,)
-            Of unit length; the dot product of two is 1 where they are the same.
-        """
-        view = np.empty(VIEW_ROWS * VIEW_COLS * 4)
-        some = np.ascontiguousarray(self.index[:: max(len(self.index) // VIEW_EDGES, 1)])
-        kernels.summarise_view(some, self.du, self.dv, VIEW_ROWS, VIEW_COLS, view)
-        return view
 
     def describe(
         self,

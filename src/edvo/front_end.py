@@ -11,6 +11,7 @@ from edvo.config import Config
 from edvo.edges import EdgeBuffers, EdgePixels, extract_edges
 from edvo.frame import Frame
 from edvo.keyframes import Keyframe
+from edvo.look import Look
 from edvo.planes import PlaneFitter
 from edvo.registration import Registration
 from edvo.sampling import sample_edges
@@ -116,7 +117,7 @@ class FrontEnd:
             planes=self._fitter.planes(seen.frame.depth, seen.T_cam_depth),
             samples=seen.samples,
             points=seen.points,
-            view=seen.edges.view(),
+            look=Look(edges, self._camera),
             chamfer=ChamferMap(edges, self._camera),
             timestamp=seen.frame.timestamp,
             piece=piece,

@@ -11,7 +11,6 @@ from edvo.chamfer import ChamferMap
 from edvo.config import Config
 from edvo.delay import DepthDelay
 from edvo.edges import EdgePixels, depth_at_edges
-from edvo.frame import Frame
 from edvo.kernels import Lag
 from edvo.keyframes import Keyframe
 from edvo.measuring import Moments
@@ -31,7 +30,8 @@ class _Held:
     """A keyframe, what it was made of, and for what its parts were moved."""
 
     keyframe: Keyframe
-    frame: Frame
+    depth: NDArray[np.float32]
+    depth_delay: float
     index: NDArray[np.int32]
     edges: EdgePixels
     T_cam_depth: NDArray[np.float64] | None
@@ -68,6 +68,7 @@ class Instants:
         )
         self.depth = DepthDelay(camera, fitter, motion.depth_delay)
         self.rolling = RollingShutter(camera, registration.solver, motion.readout)
+        self._depth = np.empty((camera.height, camera.width), np.float32)
         self.forget()
 
     def forget(self) -> None:
@@ -192,9 +193,19 @@ class Instants:
         if not self._is_on:
             return
         rolled = np.zeros(6) if velocity is None else velocity * self.rolling.seconds / 2
-        # A copy, since whoever gave it may write the next one to the same memory.
-        frame, T = replace(seen.frame, depth=seen.frame.depth.copy()), seen.T_cam_depth
-        self._held = _Held(keyframe, frame, seen.edges.index, edges, T, rolled, velocity)
+        # A copy, since whoever gave it may write the next one to the same memory, but to memory at
+        # hand: new one costs more than the copy.
+        np.copyto(self._depth, seen.frame.depth)
+        self._held = _Held(
+            keyframe,
+            self._depth,
+            seen.frame.depth_delay,
+            seen.edges.index,
+            edges,
+            seen.T_cam_depth,
+            rolled,
+            velocity,
+        )
 
     def renewed(self, keyframe: Keyframe, velocity: NDArray[np.float64]) -> Keyframe | None:
         """Move the parts of a keyframe anew, if they were taken at other instants than thought.
@@ -220,14 +231,14 @@ class Instants:
         if held.known == known:
             return None
         changed, held.known = keyframe, known
-        T_cam_depth = self.depth.motion(held.velocity, held.frame)
+        T_cam_depth = self.depth.motion(held.velocity, held.depth_delay)
         now, then = (np.eye(4) if T is None else T for T in (T_cam_depth, held.T_cam_depth))
         if np.abs(se3.log(se3.inverse(then) @ now)).max() > NEWS:
-            planes = self._fitter.planes(held.frame.depth, T_cam_depth)
+            planes = self._fitter.planes(held.depth, T_cam_depth)
             changed, held.T_cam_depth = replace(changed, planes=planes), T_cam_depth
         rolled = held.velocity * self.rolling.seconds / 2
         if np.abs(rolled - held.rolled).max() > NEWS:
-            depths = depth_at_edges(held.frame.depth, held.index, self._rough)
+            depths = depth_at_edges(held.depth, held.index, self._rough)
             edges = self.rolling.unrolled(held.edges, held.velocity, depths)
             index, chamfer = self._registration.index(edges), ChamferMap(edges, self._camera)
             changed, held.rolled = replace(changed, edges=index, chamfer=chamfer), rolled

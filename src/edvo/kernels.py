@@ -40,6 +40,8 @@ ALL = np.int64(1)  # a stride; a plain 1 would have its own compiled variant
 HISTORY = 8  # columns of the iteration record
 TUKEY_TUNING = 4.685  # 95 % efficient on a Gaussian
 DIRECTIONS = 8  # over a full turn: an edge from dark to bright is none from bright to dark
+LINE_DIRECTIONS = 4  # of lines, whichever side is bright
+STRETCHED_PX = 0.1  # a step that changes residuals by less (rms) is not lengthened: they scatter
 SAME_STEP = 1e-5  # share of a step by which more damping shortens it that does not count yet
 LOOK_UP, ROBUST, NORMAL = -1, 0, 1  # stages of a registration
 EDGE_BITS = 21  # of a key of a near map: which edge; the bits above say how far off it is,
@@ -233,6 +235,7 @@ class Solver(NamedTuple):
     damping_up: float
     damping_down: float
     max_rejections: int  # in a row
+    max_stretch: float  # times its length that a step may be which goes on as the last; 0: none
 
 
 # ---------------------------------------------------------------------------------------- edges
@@ -359,20 +362,17 @@ def back_project(
 
 
 @compiled
-def summarise_view(
-    index: I32, dx: NDArray[np.int16], dy: NDArray[np.int16], rows: int, cols: int, view: F64
+def summarise_edges(
+    pixels: F32, gradients: F32, width: int, height: int, rows: int, cols: int, shares: F64
 ) -> None:
-    """Count edges by cell of the image and by direction, in ``view`` (rows * cols * 4,).
+    """Count edges by cell of the image and by direction, in ``shares`` (rows * cols * 4,).
 
     Directions are those of lines, which light cannot turn round. The root of each share is
-    written, so that the dot product of two views is 1 for the same one and less for others.
+    written, so that the dot product of two is 1 for the same image and less for others.
     """
-    height, width = dx.shape
-    view[:] = 0
-    for k in range(index.size):
-        v = index[k] // width
-        u = index[k] - v * width
-        gu, gv = np.float64(dx[v, u]), np.float64(dy[v, u])
+    shares[:] = 0
+    for k in range(pixels.shape[0]):
+        gu, gv = gradients[k, 0], gradients[k, 1]
         if gv < 0:
             gu, gv = -gu, -gv
         if gu > abs(gv) * TAN_22_5:
@@ -381,11 +381,13 @@ def summarise_view(
             bin_of = 0 if gv < -gu * TAN_22_5 else 3
         else:
             bin_of = 2
-        cell = (v * rows // height) * cols + u * cols // width
-        view[cell * 4 + bin_of] += 1
-    total = max(index.size, 1)
-    for i in range(view.size):
-        view[i] = np.sqrt(view[i] / total)
+        # an ideal pixel may lie outside the image
+        row = min(max(int(pixels[k, 1] * rows / height), 0), rows - 1)
+        col = min(max(int(pixels[k, 0] * cols / width), 0), cols - 1)
+        shares[(row * cols + col) * LINE_DIRECTIONS + bin_of] += 1
+    total = max(pixels.shape[0], 1)
+    for i in range(shares.size):
+        shares[i] = np.sqrt(shares[i] / total)
 
 
 @compiled
@@ -1435,6 +1437,45 @@ def solve_damped(H: F64, b: F64, damping: float, step: F64) -> bool:
     return True
 
 
+@lean
+def product_in(H: F64, a: F64, b: F64) -> float:
+    """Dot product of two steps in the metric of H."""
+    total = 0.0
+    for i in range(a.size):
+        for j in range(b.size):
+            total += a[i] * H[i, j] * b[j]
+    return total
+
+
+@compiled
+def stretch_step(H: F64, step: F64, last: F64, went: F64, most: float, stretched: F64) -> bool:
+    """Lengthen a step by what the one before it has left over; False where there is no telling.
+
+    Where matches hold a pose back, each step takes the same share of the way that is left. Of the
+    ``last`` step, and of how the pose ``went`` by it, this tells the share, along the direction
+    in which steps change (Anderson mixing of depth one, in the metric of H).
+    """
+    for i in range(step.size):
+        stretched[i] = step[i] - last[i]
+    squares = product_in(H, stretched, stretched)
+    if not squares > 0:
+        return False
+    share = product_in(H, stretched, step) / squares
+    for i in range(step.size):
+        stretched[i] = step[i] - share * (went[i] + stretched[i])
+    if not product_in(H, stretched, step) > 0:  # steps grow
+        if product_in(H, last, step) <= 0:
+            return False
+        for i in range(step.size):
+            stretched[i] = most * step[i]
+        return True
+    excess = product_in(H, stretched, stretched) / (most * most * product_in(H, step, step))
+    if excess > 1:
+        for i in range(step.size):
+            stretched[i] /= np.sqrt(excess)
+    return True
+
+
 @compiled
 def orthonormalize(T: F64) -> None:
     """Make the rotation of a rigid motion exact again (Gram-Schmidt), in place."""
@@ -1772,7 +1813,7 @@ def align(
     n = points.shape[0]
     matches, trial = new_matches(n), new_matches(n)
     trial_residuals = np.empty(n)
-    b, step = np.empty(6), np.empty(6)
+    b, step, last, went, longer = np.empty(6), np.empty(6), np.empty(6), np.empty(6), np.empty(6)
     m = surface.sigma.size
     near, near_trial = new_plane_matches(m), new_plane_matches(m)
     H_planes, b_planes = np.zeros((6, 6)), np.zeros(6)
@@ -1833,7 +1874,7 @@ def align(
         damping = solver.damping
         rejections, rejected = 0, 0.0
         sigma_d, balance = 1.0, 0.0
-        stale = True
+        stale, follows, stretches = True, False, False
         reason = EXHAUSTED
         budget = solver.max_iterations
         if stage == LOOK_UP:
@@ -1865,11 +1906,7 @@ def align(
             if not solve_damped(H, b, damping, step):
                 reason = SINGULAR
                 break
-            quadratic = 0.0
-            for i in range(6):
-                for j in range(6):
-                    quadratic += step[i] * H[i, j] * step[j]
-            change = np.sqrt(max(quadratic, 0.0) / max(total, 1e-30))
+            change = np.sqrt(max(product_in(H, step, step), 0.0) / max(total, 1e-30))
             row = history[iterations]
             row[0], row[1], row[2], row[3] = stage, count, sigma, cost
             row[4], row[5], row[6], row[7] = change, damping, 0, np.nan
@@ -1880,6 +1917,13 @@ def align(
                 row[6] = 1
                 reason = CONVERGED
                 break
+            stretches = (
+                follows
+                and change > STRETCHED_PX
+                and stretch_step(H, step, last, went, solver.max_stretch, longer)
+            )
+            if stretches:
+                trial_T = product(exp_se3(longer), T)
             if rejections > 0 and change > (1 - SAME_STEP) * rejected:
                 row[7] = history[iterations - 2, 7]  # the same step would be rejected again
             else:
@@ -1915,6 +1959,9 @@ def align(
                     row[7] += apart * balance / n * off
             if row[7] < cost:
                 row[6] = 1
+                last[:] = step
+                went[:] = longer if stretches else step
+                follows = solver.max_stretch > 0
                 T[:] = trial_T
                 count = trial_count
                 matches, trial = trial, matches
@@ -1927,6 +1974,8 @@ def align(
                 if cost - row[7] < solver.stop_cost * cost:
                     reason = CONVERGED
                     break
+            elif stretches:
+                follows = False
             else:
                 damping *= solver.damping_up
                 rejections += 1

@@ -10,6 +10,7 @@ from edvo import se3
 from edvo.chamfer import ChamferMap
 from edvo.config import KeyframesConfig
 from edvo.edges import EdgePixels
+from edvo.look import Look
 from edvo.matching import EdgeIndex
 from edvo.planes import PlaneMap, PlanePoints
 
@@ -33,8 +34,8 @@ class Keyframe:
         Some of its edges with depth, and
     points : PlanePoints
         points on its planes, to register it with a frame the other way round.
-    view : ndarray of float64, shape (96,)
-        What it looks like; see ``EdgeImage.view``.
+    look : Look
+        To know its place again by.
     chamfer : ChamferMap
         To tell at a glance where another frame may have been taken.
     timestamp : float
@@ -50,7 +51,7 @@ class Keyframe:
     planes: PlaneMap
     samples: EdgePixels
     points: PlanePoints
-    view: NDArray[np.float64]
+    look: Look
     chamfer: ChamferMap
     timestamp: float
     piece: int = 0
@@ -102,12 +103,12 @@ class KeyframeStore:
         """
         return [(key.index, key.T_world_key) for key in self._keyframes if key.piece == piece]
 
-    def likest(self, view: NDArray[np.float64], count: int) -> list[Keyframe]:
+    def likest(self, look: Look, count: int) -> list[Keyframe]:
         """Choose the keyframes that look most like a frame.
 
         Parameters
         ----------
-        view : ndarray of float64, shape (96,)
+        look : Look
             Of the frame.
         count : int
             How many.
@@ -117,7 +118,7 @@ class KeyframeStore:
         list of Keyframe
             The likest first.
         """
-        return sorted(self._keyframes, key=lambda keyframe: -float(view @ keyframe.view))[:count]
+        return sorted(self._keyframes, key=lambda keyframe: -look.likeness(keyframe.look))[:count]
 
     def before(self, piece: int) -> "KeyframeStore":
         """Choose the keyframes of earlier pieces.

@@ -866,7 +866,7 @@ class Odometry:
         """Make a frame the keyframe, its parts moved by the velocity where that is known."""
         with self._clock("keyframe"):
             if velocity is not None:  # measured by now, no longer expected
-                T_cam_depth = self._instants.depth.motion(velocity, seen.frame)
+                T_cam_depth = self._instants.depth.motion(velocity, seen.frame.depth_delay)
                 seen = replace(seen, T_cam_depth=T_cam_depth)
             edges = seen.edges.describe(self.camera)
             keyframe = self._front_end.keyframe(
@@ -908,7 +908,7 @@ class Odometry:
             return None
         if self._blind and depth.share(frame, period) > FED_BACK:
             return None
-        return depth.motion(self._velocity, frame)
+        return depth.motion(self._velocity, frame.depth_delay)
 
     def _follows(self, timestamp: float) -> bool:
         """Whether the last pose is that of a moment ago."""

@@ -212,6 +212,7 @@ class Registration:
             damping_up=registration.damping_up,
             damping_down=registration.damping_down,
             max_rejections=registration.max_rejections,
+            max_stretch=registration.max_stretch,
         )
 
     @property

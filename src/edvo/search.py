@@ -14,6 +14,7 @@ from edvo.config import Config
 from edvo.edges import EdgeImage, EdgePixels
 from edvo.frame import Frame
 from edvo.keyframes import Keyframe, KeyframeStore
+from edvo.look import Look
 from edvo.matching import EdgeIndex
 from edvo.planes import DepthTerm, PlaneFitter, PlaneMap, PlanePoints
 from edvo.registration import FAILURES, Alignment, Registration
@@ -210,7 +211,8 @@ class Search:
         -------
         (Keyframe, Alignment) or None
         """
-        likest = store.likest(seen.edges.view(), self._config.keyframes.tried)
+        look = Look(seen.edges.describe(self._camera), self._camera)
+        likest = store.likest(look, self._config.keyframes.tried)
         starts = [(last, se3.inverse(last.T_world_key) @ T_world_cam) for T_world_cam in expected]
         starts += [(key, np.eye(4)) for key in likest]
         starts += self._rivals  # a doubt lasts until one of them no longer fits
