@@ -309,6 +309,7 @@ def solver(config=None, **changes):
         "max_iterations": config.max_iterations,
         "switch_px": MatchingConfig().switch_px,
         "stop_px": config.stop_px,
+        "leave_px": 0.0,
         "stop_cost": config.stop_decrease,
         "damping": config.damping,
         "damping_up": config.damping_up,

@@ -1,7 +1,10 @@
 """Edges that are looked up: near, turned alike, and enough to bring a far start home."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from edvo import kernels, se3
 from edvo.config import MatchingConfig, RegistrationConfig
@@ -120,8 +123,69 @@ def test_a_far_start_leads_to_where_a_near_one_does() -> None:
         steps = alignment.steps()
         stages = [(step.looked_up, step.robust) for step in steps]
         assert stages == sorted(stages, reverse=True)
-        assert {(True, False), (False, True), (False, False)} == set(stages)
+        assert {(True, False), (False, False)} == set(stages)  # no edge was in doubt any more
         assert max(step.matches for step in steps if step.looked_up) <= 375
+
+
+@pytest.mark.parametrize("share", [0.2, 0.5, 0.9])
+def test_what_is_left_to_go_is_the_rest_of_a_geometric_series(share: float) -> None:
+    steps = 3.0 * share ** np.arange(400)
+    for k in (1, 4):
+        left = kernels.left_to_go(steps[k], steps[k - 1])
+        assert left == pytest.approx(steps[k + 1 :].sum(), rel=1e-9)
+    assert kernels.left_to_go(1.0, 1.0) == np.inf == kernels.left_to_go(1.0, 0.0)
+
+
+def far_problem(
+    seed: int, metres: float, degrees: float
+) -> tuple[problems.Problem, NDArray[np.float64]]:
+    """Edges, half of which are elsewhere, and a start that is far off."""
+    truth = problems.motion(np.random.default_rng(seed), metres, degrees)
+    problem = problems.segments_problem(seed, truth, outliers=0.5, count=1500, segments=60)
+    return problem, np.eye(4)[None]
+
+
+def test_where_looking_up_does_not_converge_the_robust_criterion_has_its_turn() -> None:
+    problem, start = far_problem(3, 0.1, 5.0)
+    brief = registration(max_iterations=4)
+    found = brief.align(brief.index(problem.reference), problem.samples, start, far=True)
+    assert [step.looked_up for step in found.steps()] == [True, True, False, False]
+    assert found.steps()[2].robust
+
+
+def test_a_far_registration_ends_as_soon_as_little_is_left() -> None:
+    sooner = 0
+    for seed in range(6):
+        problem, start = far_problem(seed, 0.05, 2.0)
+        brief, long = (
+            found.align(found.index(problem.reference), problem.samples, start, far=True)
+            for found in (registration(), registration(far_leave_px=0))
+        )
+        assert brief.iterations <= long.iterations
+        sooner += brief.iterations < long.iterations
+        *_, before, last = [step.step_px for step in brief.steps()]
+        if last > 0.03 and brief.converged and np.isnan(brief.history[-1, 7]):
+            assert last**2 / (before - last) < 0.08
+    assert sooner > 0
+
+
+def test_a_far_registration_leaps_once_where_a_step_is_rejected(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Matches that change all at once raise the cost a little: beyond that it may fall again."""
+    monkeypatch.setattr(kernels, "align", kernels.align.py_func)
+    monkeypatch.setattr(kernels, "stretch_step", lambda *_: False)  # that has rejections, too
+    leaps = {False: 0, True: 0}
+    for seed in range(6):
+        problem, start = far_problem(seed, 0.15, 8.0)
+        for is_far in leaps:
+            found = registration()
+            index = found.index(problem.reference)
+            steps = found.align(index, problem.samples, start, far=is_far).steps()
+            for one, other in pairwise(steps):
+                same = not one.accepted and other.step_px == pytest.approx(one.step_px, rel=1e-5)
+                leaps[is_far] += same and other.trial_cost != one.trial_cost
+    assert leaps[True] > 0 == leaps[False]
 
 
 @pytest.mark.parametrize("count", [40, 376, 749, 750, 1124, 1500])

@@ -178,6 +178,11 @@ class RegistrationConfig(Section):
     stop_px: Positive = Field(
         default=0.03, description="converged once a step changes the residuals by less (rms)"
     )
+    far_leave_px: Annotated[float, Field(ge=0)] = Field(
+        default=0.08,
+        description="where steps between frames are far, converged as soon as the steps of the "
+        "iteration, as they shrink, leave less to go (rms); 0: not before",
+    )
     stop_decrease: Annotated[float, Field(ge=0)] = Field(
         default=1e-4, description="converged once a step lowers the cost by less, relative"
     )
@@ -584,6 +589,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "registration": {
             "weight": "t",
             "coarse_samples": 0,
+            "far_leave_px": 0.0,
             "first_sigma_px": 0.0,
             "first_samples": 0,
             "max_stretch": 0.0,

@@ -230,6 +230,7 @@ class Solver(NamedTuple):
     max_iterations: int
     switch_px: float  # rms change of the residuals below which the normal criterion takes over
     stop_px: float  # rms change below which the iteration has converged
+    leave_px: float  # as soon as steps, as they shrink, leave less than this; 0: not before
     stop_cost: float  # relative decrease of the cost below which it has converged
     damping: float  # lambda at the start
     damping_up: float
@@ -1438,6 +1439,12 @@ def solve_damped(H: F64, b: F64, damping: float, step: F64) -> bool:
 
 
 @lean
+def left_to_go(change: float, before: float) -> float:
+    """What is left after a step if each is the same share of the one before it."""
+    return change * change / (before - change) if change < before else np.inf
+
+
+@lean
 def product_in(H: F64, a: F64, b: F64) -> float:
     """Dot product of two steps in the metric of H."""
     total = 0.0
@@ -1741,7 +1748,10 @@ def best_start(
     solver: Solver,
     stride: np.int64,
 ) -> int:
-    """Which of several poses has the lowest cost over every ``stride``-th sample, at unit scale."""
+    """Which of several poses has the lowest cost over every ``stride``-th sample, at unit scale.
+
+    Edges are looked up where there is a map of those nearby.
+    """
     best, best_cost = 0, np.inf
     if starts.shape[0] > 1 and points.shape[0] > 0:
         matches = new_matches(points.shape[0])
@@ -1751,7 +1761,7 @@ def best_start(
             count = warp_and_match(
                 grid,
                 nearby,
-                ROBUST,
+                LOOK_UP if nearby.keys.size > 0 else ROBUST,
                 points,
                 gradients,
                 stride,
@@ -1795,13 +1805,15 @@ def align(
     """Register samples (points, gradients) with a reference, Eq. (13)-(14), from the best start.
 
     Stage 0 matches by the robust criterion until the steps fall below ``switch_px``, stage 1 by
-    the normal one until they fall below ``stop_px`` (§V-B). Before these, and as far as stage 0,
-    edges are looked up in a map of those nearby, where one is given: few samples, no search. A
-    step counts by the rms change of the residuals that it predicts. Writes T, H (weights
+    the normal one until they fall below ``stop_px`` (§V-B). In place of stage 0, and before it where
+    that does not converge, edges are looked up in a map of those nearby, where one is given: few
+    samples, no search. A step counts by the rms change of the residuals that it predicts. Writes T, H (weights
     included), index (of the matches among the reference edges, NO_MATCH where none), residuals
     (packed, in sample order) and history, a row an iteration: stage, matches, sigma, cost, step,
     damping, accepted, cost of the trial.
     A step all but equal to one that was rejected is not tried again, and has that one's cost.
+    A step that goes on as the one before is stretched by what that one has left over, and, where
+    there is a map, so is the first that is rejected; rejected itself, it is tried as it was.
     Points of the current depth image pull towards planes of the reference, where there are any:
     their term has a scale of its own, sigma_d, and counts less the more that exceeds the sensor's
     noise, since such errors are not independent of one another. H and b stay in px^2. Where depth
@@ -1836,8 +1848,11 @@ def align(
     moved = np.empty_like(points) if rolls else points
     sigma, cost, total = 1.0, 0.0, 0.0
     moves = 1 + lag.share  # by how much points move with the pose, near the last one
+    settled = False
     for stage in range(LOOK_UP, last_stage + 1):
         if stage < first_stage and (stage > LOOK_UP or nearby.keys.size == 0):
+            continue
+        if stage == ROBUST and stage < last_stage and settled:
             continue
         criterion = normal if stage == NORMAL else robust
         enough = solver.stop_px if stage == last_stage else solver.switch_px
@@ -1874,7 +1889,8 @@ def align(
         damping = solver.damping
         rejections, rejected = 0, 0.0
         sigma_d, balance = 1.0, 0.0
-        stale, follows, stretches = True, False, False
+        stale, follows, leaps, stretches = True, False, False, False
+        before = 0.0  # what the last step has changed, if it was taken as it was
         reason = EXHAUSTED
         budget = solver.max_iterations
         if stage == LOOK_UP:
@@ -1912,19 +1928,20 @@ def align(
             row[4], row[5], row[6], row[7] = change, damping, 0, np.nan
             iterations += 1
             trial_T = product(exp_se3(step), T)
-            if change < enough:  # too small a step to be worth a trial
+            hardly = stage == last_stage and left_to_go(change, before) < solver.leave_px
+            if change < enough or hardly:  # too small a step to be worth a trial
                 T[:] = trial_T
                 row[6] = 1
                 reason = CONVERGED
                 break
-            stretches = (
-                follows
-                and change > STRETCHED_PX
-                and stretch_step(H, step, last, went, solver.max_stretch, longer)
-            )
+            stretches = leaps
+            if leaps:
+                longer[:] = solver.max_stretch * step
+            elif follows and change > STRETCHED_PX:
+                stretches = stretch_step(H, step, last, went, solver.max_stretch, longer)
             if stretches:
                 trial_T = product(exp_se3(longer), T)
-            if rejections > 0 and change > (1 - SAME_STEP) * rejected:
+            if rejections > 0 and not leaps and change > (1 - SAME_STEP) * rejected:
                 row[7] = history[iterations - 2, 7]  # the same step would be rejected again
             else:
                 rejected = change
@@ -1959,6 +1976,7 @@ def align(
                     row[7] += apart * balance / n * off
             if row[7] < cost:
                 row[6] = 1
+                before = 0.0 if stretches else change
                 last[:] = step
                 went[:] = longer if stretches else step
                 follows = solver.max_stretch > 0
@@ -1970,18 +1988,20 @@ def align(
                 near_count = near_trial_count
                 damping *= solver.damping_down
                 rejections = 0
-                stale = True
+                stale, leaps = True, False
                 if cost - row[7] < solver.stop_cost * cost:
                     reason = CONVERGED
                     break
             elif stretches:
-                follows = False
+                follows, leaps = False, False
             else:
                 damping *= solver.damping_up
                 rejections += 1
+                leaps = rejections == 1 and nearby.keys.size > 0 and solver.max_stretch > 0
                 if rejections > solver.max_rejections:
                     reason = STALLED
                     break
+        settled = stage == LOOK_UP and reason == CONVERGED
         if reason in (TOO_FEW, SINGULAR) and stage > LOOK_UP:
             break
         if stage < last_stage and iterations >= solver.max_iterations:

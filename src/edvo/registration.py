@@ -187,6 +187,7 @@ class Registration:
         self._camera = camera
         self._inlier_px = inlier_px
         self._stride = np.int64(start_stride)
+        self._leave_px = registration.far_leave_px
         self._cell_px = matching.cell_px
         self._first, self._last = STAGES[matching.criterion]
         self._pinhole = camera_of(camera)
@@ -207,6 +208,7 @@ class Registration:
             max_iterations=registration.max_iterations,
             switch_px=matching.switch_px,
             stop_px=registration.stop_px,
+            leave_px=0.0,
             stop_cost=registration.stop_decrease,
             damping=registration.damping,
             damping_up=registration.damping_up,
@@ -269,7 +271,7 @@ class Registration:
             belong to the reference make it so large that they count.
         far : bool, optional
             Whether the starts may be far off: then it begins with edges that are looked up, if
-            ``RegistrationConfig.coarse_samples`` asks for that.
+            ``RegistrationConfig.coarse_samples`` asks for that, and ends by ``far_leave_px``.
 
         Returns
         -------
@@ -278,6 +280,8 @@ class Registration:
         solver = self._solver
         if max_sigma_px < math.inf:
             solver = solver._replace(max_sigma=max_sigma_px)
+        if far:
+            solver = solver._replace(leave_px=self._leave_px)
         n = len(samples)
         T, H = np.empty((4, 4)), np.zeros((6, 6))
         matches, packed = np.empty(n, np.int32), np.empty(n)

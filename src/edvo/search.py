@@ -38,6 +38,7 @@ PLACES, SLIGHT = 6, 0.3  # that are looked at closely, unless few samples fit so
 AS_WELL = 0.96  # of the score of a place: by a glance that cannot be told from it
 ASIDE_M = (0.2, 0.4, 0.8)  # steps, shelves, and doors repeat at about such distances
 SIDES = [sign * axis for axis in np.eye(3) for sign in (-1, 1)]
+ASIDE = np.array([far * side for far in ASIDE_M for side in SIDES])
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,7 +175,8 @@ class Search:
         -------
         bool
         """
-        starts = np.array([_moved(T_key_cur, side * far) for far in ASIDE_M for side in SIDES])
+        starts = np.tile(T_key_cur, (len(ASIDE), 1, 1))
+        starts[:, :3, 3] += ASIDE @ T_key_cur[:3, :3].T
         enough = AS_WELL * key.chamfer.score(seen.samples, T_key_cur)
         return not any(
             guess.score > enough and is_apart(guess.T_ref_cur, [T_key_cur])
