@@ -660,13 +660,15 @@ def test_a_stretched_step_goes_all_the_way(share, taken):
     np.testing.assert_allclose(stretched, share * left, rtol=1e-9)  # no longer than it may be
 
 
-def test_steps_that_grow_are_stretched_as_far_as_may_be_and_such_that_turn_back_are_not():
+def test_steps_that_grow_are_stretched_as_far_as_may_be_and_such_that_turn_back_are_shortened():
     H, stretched = np.eye(6), np.empty(6)
     step = np.arange(1.0, 7)
     assert kernels.stretch_step(H, step, step / 2, step / 2, 3.0, stretched)
     np.testing.assert_allclose(stretched, 3 * step)
     assert not kernels.stretch_step(H, step, step, step, 3.0, stretched)  # no telling
     assert not kernels.stretch_step(H, step, -step / 4, step / 2, 3.0, stretched)
+    assert kernels.stretch_step(H, step, -step / 2, -step / 2, 3.0, stretched)  # it went too far
+    np.testing.assert_allclose(stretched, step / 3)
 
 
 def test_a_step_that_was_rejected_is_not_tried_again(monkeypatch):
@@ -680,7 +682,7 @@ def test_a_step_that_was_rejected_is_not_tried_again(monkeypatch):
         problem = problems.segments_problem(seed, problems.motion(rng, 0.02, 1.0), outliers=0.5)
         shaken = problem.samples.pixels + rng.normal(0, 1, problem.samples.pixels.shape)
         samples = replace(problem.samples, pixels=shaken.astype(np.float32))
-        config = RegistrationConfig(stop_px=1e-9, stop_decrease=0.0, weight="tukey")
+        config = RegistrationConfig(stop_px=1e-9, stop_decrease=0.0, weight="tukey", max_stretch=1)
         registration = Registration(problem.camera, MatchingConfig(), config)
         index = registration.index(problem.reference)
         calls.clear()

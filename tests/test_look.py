@@ -37,7 +37,7 @@ def rng():
 def test_shares_are_those_of_the_numpy_twin(seed):
     edges = scattered(np.random.default_rng(seed), 700)
     look = Look(edges, CAMERA)
-    np.testing.assert_allclose(look.shares, shares_by_numpy(edges), atol=0.04)  # on a border
+    np.testing.assert_allclose(look.shares, shares_by_numpy(edges), atol=1e-6)
     assert np.isclose(look.likeness(look), 1)
 
 
@@ -45,7 +45,7 @@ def test_of_very_many_edges_some_tell_the_look(rng):
     edges = scattered(rng, 5 * ENOUGH)
     look = Look(edges, CAMERA)
     assert np.count_nonzero(look.shares) == len(look.shares)
-    np.testing.assert_allclose(look.shares, shares_by_numpy(edges.every(5)), atol=0.04)
+    np.testing.assert_allclose(look.shares, shares_by_numpy(edges.every(5)), atol=1e-6)
 
 
 def test_an_image_without_edges_is_like_no_other(rng):

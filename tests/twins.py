@@ -326,7 +326,7 @@ def align(edges, points, gradients, camera, T, robust_criterion, normal_criterio
             accepted = after < before
             if accepted:
                 T, now = trial_T, trial
-                way = (step, taken) if solver.max_stretch else None
+                way = (step, taken) if solver.max_stretch > 1 else None
                 damping, rejections = damping * solver.damping_down, 0
                 if before - after < solver.stop_cost * before:
                     break

@@ -198,10 +198,10 @@ class RegistrationConfig(Section):
     max_rejections: Annotated[int, Field(ge=0)] = Field(
         default=3, description="rejected steps in a row before a stage ends"
     )
-    max_stretch: Annotated[float, Field(ge=0)] = Field(
+    max_stretch: Annotated[float, Field(ge=1)] = Field(
         default=3.0,
-        description="times its length that a step may be which goes on as the one before; 0: "
-        "none is lengthened",
+        description="times its length that a step may be which goes on as the one before; 1: "
+        "all are as Eq. (14) gives them",
     )
 
 
@@ -592,7 +592,7 @@ PRESETS: dict[str, dict[str, Any]] = {
             "far_leave_px": 0.0,
             "first_sigma_px": 0.0,
             "first_samples": 0,
-            "max_stretch": 0.0,
+            "max_stretch": 1.0,
         },
         "status": {
             "max_conflict": 0.0,

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from edvo import kernels, se3
 from edvo.camera import Camera
-from edvo.frame import Frame
 from edvo.kernels import Lag
 from edvo.measuring import Changes, Equations, Estimate, Moment
 from edvo.planes import PlaneFitter, camera_of, move_points
@@ -114,12 +113,13 @@ class DepthDelay:
         expected = np.zeros(6) if seen.T_cam_depth is None else se3.log(seen.T_cam_depth)
         return Lag(follows, T_key_last, se3.exp(-expected * follows / share), AT_ONCE.rows)
 
-    def share(self, frame: Frame, period: float) -> float:
+    def share(self, stamped: float, period: float) -> float:
         """Say when depth was taken after its image.
 
         Parameters
         ----------
-        frame : Frame
+        stamped : float
+            From the image to its depth by their stamps, seconds.
         period : float
             Seconds since the last frame.
 
@@ -128,7 +128,7 @@ class DepthDelay:
         float
             As a share of these.
         """
-        return self._of(frame.depth_delay) / period
+        return self._of(stamped) / period
 
     def matters(self, seen: Seen) -> bool:
         """Say whether depth was not taken at the instant of its image.

@@ -13,6 +13,7 @@ from edvo.delay import DepthDelay
 from edvo.edges import EdgePixels, depth_at_edges
 from edvo.kernels import Lag
 from edvo.keyframes import Keyframe
+from edvo.look import Look
 from edvo.measuring import Moments
 from edvo.planes import PlaneFitter
 from edvo.registration import Alignment, Registration
@@ -196,9 +197,11 @@ class Instants:
         # A copy, since whoever gave it may write the next one to the same memory, but to memory at
         # hand: new one costs more than the copy.
         np.copyto(self._depth, seen.frame.depth)
+        depth = self._depth.view()
+        depth.setflags(write=False)  # compiled code takes a writable array for another type
         self._held = _Held(
             keyframe,
-            self._depth,
+            depth,
             seen.frame.depth_delay,
             seen.edges.index,
             edges,
@@ -240,8 +243,13 @@ class Instants:
         if np.abs(rolled - held.rolled).max() > NEWS:
             depths = depth_at_edges(held.depth, held.index, self._rough)
             edges = self.rolling.unrolled(held.edges, held.velocity, depths)
-            index, chamfer = self._registration.index(edges), ChamferMap(edges, self._camera)
-            changed, held.rolled = replace(changed, edges=index, chamfer=chamfer), rolled
+            changed = replace(
+                changed,
+                edges=self._registration.index(edges),
+                look=Look(edges, self._camera),
+                chamfer=ChamferMap(edges, self._camera),
+            )
+            held.rolled = rolled
         if changed is keyframe:
             return None
         held.keyframe = changed

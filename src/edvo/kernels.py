@@ -40,8 +40,8 @@ ALL = np.int64(1)  # a stride; a plain 1 would have its own compiled variant
 HISTORY = 8  # columns of the iteration record
 TUKEY_TUNING = 4.685  # 95 % efficient on a Gaussian
 DIRECTIONS = 8  # over a full turn: an edge from dark to bright is none from bright to dark
-LINE_DIRECTIONS = 4  # of lines, whichever side is bright
-STRETCHED_PX = 0.1  # a step that changes residuals by less (rms) is not lengthened: they scatter
+LINE_DIRECTIONS = 4  # of lines, whichever side is bright: as many as `summarise_edges` tells
+STRETCHED_PX = 0.1  # steps that change residuals by less (rms) do not tell how they go on
 SAME_STEP = 1e-5  # share of a step by which more damping shortens it that does not count yet
 LOOK_UP, ROBUST, NORMAL = -1, 0, 1  # stages of a registration
 EDGE_BITS = 21  # of a key of a near map: which edge; the bits above say how far off it is,
@@ -236,7 +236,7 @@ class Solver(NamedTuple):
     damping_up: float
     damping_down: float
     max_rejections: int  # in a row
-    max_stretch: float  # times its length that a step may be which goes on as the last; 0: none
+    max_stretch: float  # times its length that a step may be which goes on as the last; 1: none
 
 
 # ---------------------------------------------------------------------------------------- edges
@@ -366,7 +366,7 @@ def back_project(
 def summarise_edges(
     pixels: F32, gradients: F32, width: int, height: int, rows: int, cols: int, shares: F64
 ) -> None:
-    """Count edges by cell of the image and by direction, in ``shares`` (rows * cols * 4,).
+    """Count edges by cell of the image and by direction, in ``shares``, ``LINE_DIRECTIONS`` a cell.
 
     Directions are those of lines, which light cannot turn round. The root of each share is
     written, so that the dot product of two is 1 for the same image and less for others.
@@ -1460,7 +1460,8 @@ def stretch_step(H: F64, step: F64, last: F64, went: F64, most: float, stretched
 
     Where matches hold a pose back, each step takes the same share of the way that is left. Of the
     ``last`` step, and of how the pose ``went`` by it, this tells the share, along the direction
-    in which steps change (Anderson mixing of depth one, in the metric of H).
+    in which steps change (Anderson mixing of depth one, in the metric of H). By that a step that
+    turns back becomes shorter.
     """
     for i in range(step.size):
         stretched[i] = step[i] - last[i]
@@ -1541,8 +1542,9 @@ def warp_and_match(
         if nearby.keys.size > 0 and (k < 0 or stage == LOOK_UP):
             k = near_edge(nearby, u, v, gu, gv)
             matches.bound[i] = 0
-        kept = stage == LOOK_UP
-        if kept:
+        kept = False
+        if stage == LOOK_UP:
+            kept = True
             if k < 0 or match_cost(grid.points, k, u, v, gu, gv, criterion) == np.inf:
                 continue
         elif k >= 0:
@@ -1805,12 +1807,12 @@ def align(
     """Register samples (points, gradients) with a reference, Eq. (13)-(14), from the best start.
 
     Stage 0 matches by the robust criterion until the steps fall below ``switch_px``, stage 1 by
-    the normal one until they fall below ``stop_px`` (§V-B). In place of stage 0, and before it where
-    that does not converge, edges are looked up in a map of those nearby, where one is given: few
-    samples, no search. A step counts by the rms change of the residuals that it predicts. Writes T, H (weights
-    included), index (of the matches among the reference edges, NO_MATCH where none), residuals
-    (packed, in sample order) and history, a row an iteration: stage, matches, sigma, cost, step,
-    damping, accepted, cost of the trial.
+    the normal one until they fall below ``stop_px`` (§V-B), or leave less than ``leave_px`` to go.
+    Where a map of edges nearby is given they are looked up first: few samples, no search; and
+    stage 0 follows only if that does not converge. A step counts by the rms change of the
+    residuals that it predicts. Writes T, H (weights included), index (of the matches among the
+    reference edges, NO_MATCH where none), residuals (packed, in sample order) and history, a row
+    an iteration: stage, matches, sigma, cost, step, damping, accepted, cost of the trial.
     A step all but equal to one that was rejected is not tried again, and has that one's cost.
     A step that goes on as the one before is stretched by what that one has left over, and, where
     there is a map, so is the first that is rejected; rejected itself, it is tried as it was.
@@ -1887,9 +1889,9 @@ def align(
             there = lagged(T, lag)
             near_count = match_planes(planes, surface, camera, there, term, near, apart)
         damping = solver.damping
-        rejections, rejected = 0, 0.0
+        rejections, rejected, its_cost = 0, 0.0, 0.0
         sigma_d, balance = 1.0, 0.0
-        stale, follows, leaps, stretches = True, False, False, False
+        stale, follows, leaps = True, False, False
         before = 0.0  # what the last step has changed, if it was taken as it was
         reason = EXHAUSTED
         budget = solver.max_iterations
@@ -1928,8 +1930,9 @@ def align(
             row[4], row[5], row[6], row[7] = change, damping, 0, np.nan
             iterations += 1
             trial_T = product(exp_se3(step), T)
-            hardly = stage == last_stage and left_to_go(change, before) < solver.leave_px
-            if change < enough or hardly:  # too small a step to be worth a trial
+            left = max(left_to_go(change, before), change / 2)
+            if change < enough or (stage == last_stage and left < solver.leave_px):
+                # too small a step to be worth a trial
                 T[:] = trial_T
                 row[6] = 1
                 reason = CONVERGED
@@ -1941,10 +1944,9 @@ def align(
                 stretches = stretch_step(H, step, last, went, solver.max_stretch, longer)
             if stretches:
                 trial_T = product(exp_se3(longer), T)
-            if rejections > 0 and not leaps and change > (1 - SAME_STEP) * rejected:
-                row[7] = history[iterations - 2, 7]  # the same step would be rejected again
+            if rejections > 0 and not stretches and change > (1 - SAME_STEP) * rejected:
+                row[7] = its_cost  # the same step would be rejected again
             else:
-                rejected = change
                 copy_matches(matches, trial)
                 if rolls:
                     unroll_points(points, trial_T, lag, moved)
@@ -1979,7 +1981,7 @@ def align(
                 before = 0.0 if stretches else change
                 last[:] = step
                 went[:] = longer if stretches else step
-                follows = solver.max_stretch > 0
+                follows = solver.max_stretch > 1
                 T[:] = trial_T
                 count = trial_count
                 matches, trial = trial, matches
@@ -1995,9 +1997,10 @@ def align(
             elif stretches:
                 follows, leaps = False, False
             else:
+                rejected, its_cost, before = change, row[7], 0.0
                 damping *= solver.damping_up
                 rejections += 1
-                leaps = rejections == 1 and nearby.keys.size > 0 and solver.max_stretch > 0
+                leaps = rejections == 1 and nearby.keys.size > 0 and solver.max_stretch > 1
                 if rejections > solver.max_rejections:
                     reason = STALLED
                     break

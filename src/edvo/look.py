@@ -30,11 +30,11 @@ class Look:
     def shares(self) -> NDArray[np.float64]:
         """Roots of the shares of edges, by cell and direction of lines, shape (96,)."""
         if self._shares is None:
-            stride = max(len(self._edges) // ENOUGH, 1)
+            few = self._edges.every(max(len(self._edges) // ENOUGH, 1))
             self._shares = np.empty(ROWS * COLS * kernels.LINE_DIRECTIONS)
             kernels.summarise_edges(
-                self._edges.every(stride).pixels,
-                self._edges.every(stride).gradients,
+                few.pixels,
+                few.gradients,
                 self._camera.width,
                 self._camera.height,
                 ROWS,

@@ -906,7 +906,7 @@ class Odometry:
         depth, period = self._instants.depth, self._period(frame.timestamp)
         if not self._follows(frame.timestamp):
             return None
-        if self._blind and depth.share(frame, period) > FED_BACK:
+        if self._blind and depth.share(frame.depth_delay, period) > FED_BACK:
             return None
         return depth.motion(self._velocity, frame.depth_delay)
 

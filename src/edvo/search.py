@@ -213,12 +213,12 @@ class Search:
         -------
         (Keyframe, Alignment) or None
         """
-        look = Look(seen.edges.describe(self._camera), self._camera)
+        hunt = self._hunt(seen, expected, gap_s)
+        look = Look(hunt.edges.edges, self._camera)
         likest = store.likest(look, self._config.keyframes.tried)
         starts = [(last, se3.inverse(last.T_world_key) @ T_world_cam) for T_world_cam in expected]
         starts += [(key, np.eye(4)) for key in likest]
         starts += self._rivals  # a doubt lasts until one of them no longer fits
-        hunt = self._hunt(seen, expected, gap_s)
         starts += [(key, se3.inverse(key.T_world_key) @ T) for key in likest for T in expected]
         starts = [*self._rivals, *self._glance(starts, seen)]
         promising = self._promising(hunt, starts)

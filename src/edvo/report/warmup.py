@@ -10,6 +10,7 @@ from edvo.camera import Camera
 from edvo.config import Config
 from edvo.edges import depth_at_edges, extract_edges
 from edvo.frame import Frame, register_depth
+from edvo.look import Look
 from edvo.odometry import Odometry
 from edvo.planes import camera_of
 from edvo.rolling import unroll
@@ -58,7 +59,13 @@ def warm_up(config: Config) -> None:
         odometry.track(frame)
     # and darkness, where depth alone goes on
     odometry.track(Frame(MOVING / 30.0, np.zeros_like(grey), depth))
+    # and light again, a second later: a far step
+    odometry.track(Frame(MOVING / 30.0 + 1.0, grey + np.uint8(1), depth))
     # and a rolling shutter, which takes longer to be found
     edges = extract_edges(grey, config.edges)
     depths = depth_at_edges(frame.depth, edges.index, config.edges)
-    unroll(edges.describe(camera), np.zeros(len(edges)), np.zeros(6), camera_of(camera), depths)
+    described = edges.describe(camera)
+    unroll(described, np.zeros(len(edges)), np.zeros(6), camera_of(camera), depths)
+    # and what a lost camera asks for
+    look = Look(described, camera)
+    look.likeness(look)
