@@ -214,11 +214,11 @@ def test_what_the_camera_moves_by_in_between():
     delay = DepthDelay(CAMERA, fitter, "stamps")
     assert delay.seconds == 0.0
     for stamps in (0.016, -0.016):
-        T = delay.motion(velocity, seen(stamps).frame)
+        T = delay.motion(velocity, seen(stamps).frame.depth_delay)
         np.testing.assert_allclose(T, se3.exp(velocity * stamps))
         lag = delay.lag(seen(stamps), np.eye(4), 1 / 20)
         assert lag.share == pytest.approx(20 * stamps)
-    assert delay.motion(velocity, seen(-3.0).frame) is None  # stamps that make no sense
+    assert delay.motion(velocity, seen(-3.0).frame.depth_delay) is None  # stamps that make no sense
     assert delay.lag(seen(LARGEST_S), np.eye(4), 1 / 100).share == pytest.approx(100 * LARGEST_S)
     # Nearer to the last frame than to its image errors would grow: the rest stays as expected.
     expected = se3.exp(-LARGEST_S * velocity)
@@ -226,14 +226,16 @@ def test_what_the_camera_moves_by_in_between():
     assert lag.share == LEAST_SHARE
     at_that_velocity = kernels.lagged(se3.exp(velocity / 30), lag) @ expected
     np.testing.assert_allclose(at_that_velocity, se3.exp(velocity / 30) @ expected, atol=1e-12)
-    assert delay.motion(velocity, seen(0.0).frame) is None
-    assert delay.motion(1e-3 * velocity, seen(0.016).frame) is None  # far less than a pixel
+    assert delay.motion(velocity, seen(0.0).frame.depth_delay) is None
+    assert (
+        delay.motion(1e-3 * velocity, seen(0.016).frame.depth_delay) is None
+    )  # far less than a pixel
     assert delay.lag(seen(0.0), np.eye(4), 1 / 30) is AT_ONCE
     off = DepthDelay(CAMERA, fitter, "none")
-    assert off.motion(velocity, seen(0.016).frame) is None
+    assert off.motion(velocity, seen(0.016).frame.depth_delay) is None
     assert off.lag(seen(0.016), np.eye(4), 1 / 30) is AT_ONCE
     alone = DepthDelay(CAMERA, PlaneFitter(CAMERA, PlanesConfig(weight=0)), "measured")
-    assert alone.motion(velocity, seen(0.016).frame) is None
+    assert alone.motion(velocity, seen(0.016).frame.depth_delay) is None
 
 
 def test_the_delay_shows_in_how_misfits_change_with_velocity():

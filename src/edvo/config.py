@@ -181,7 +181,8 @@ class RegistrationConfig(Section):
     far_leave_px: Annotated[float, Field(ge=0)] = Field(
         default=0.08,
         description="where steps between frames are far, converged as soon as the steps of the "
-        "iteration, as they shrink, leave less to go (rms); 0: not before",
+        "iteration, as they shrink, leave less to go (rms), or that share of the residuals' scale "
+        "where this is below a pixel; 0: not before",
     )
     stop_decrease: Annotated[float, Field(ge=0)] = Field(
         default=1e-4, description="converged once a step lowers the cost by less, relative"

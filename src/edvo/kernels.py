@@ -230,7 +230,7 @@ class Solver(NamedTuple):
     max_iterations: int
     switch_px: float  # rms change of the residuals below which the normal criterion takes over
     stop_px: float  # rms change below which the iteration has converged
-    leave_px: float  # as soon as steps, as they shrink, leave less than this; 0: not before
+    leave_px: float  # as soon as steps leave less, or that share of a finer scale; 0: not before
     stop_cost: float  # relative decrease of the cost below which it has converged
     damping: float  # lambda at the start
     damping_up: float
@@ -1931,7 +1931,7 @@ def align(
             iterations += 1
             trial_T = product(exp_se3(step), T)
             left = max(left_to_go(change, before), change / 2)
-            if change < enough or (stage == last_stage and left < solver.leave_px):
+            if change < enough or (stage == last_stage and left < solver.leave_px * min(sigma, 1)):
                 # too small a step to be worth a trial
                 T[:] = trial_T
                 row[6] = 1

@@ -28,6 +28,7 @@ CONFIG = Config().with_overrides(
         "edges.position=pixel",
         "planes.doubt=0.7",
         "planes.edge_doubt_px=0",
+        "registration.max_stretch=1",
     ]
 )
 FIT = 0.65  # share of the edges that fit, with which a motion is believed
