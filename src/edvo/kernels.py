@@ -1544,9 +1544,9 @@ def warp_and_match(
             matches.bound[i] = 0
         kept = False
         if stage == LOOK_UP:
-            kept = True
             if k < 0 or match_cost(grid.points, k, u, v, gu, gv, criterion) == np.inf:
                 continue
+            kept = True
         elif k >= 0:
             cost = match_cost(grid.points, k, u, v, gu, gv, criterion)
             mu, mv = u - matches.query[i, 0], v - matches.query[i, 1]
@@ -1850,7 +1850,7 @@ def align(
     moved = np.empty_like(points) if rolls else points
     sigma, cost, total = 1.0, 0.0, 0.0
     moves = 1 + lag.share  # by how much points move with the pose, near the last one
-    settled = False
+    settled = False  # by looking up: the robust criterion has nothing left to do
     for stage in range(LOOK_UP, last_stage + 1):
         if stage < first_stage and (stage > LOOK_UP or nearby.keys.size == 0):
             continue
