@@ -119,21 +119,29 @@ def test_the_score_is_that_of_the_twin(edges: EdgePixels) -> None:
     assert score == pytest.approx(expected, abs=1.5)  # float32 moves a few to the next cell
 
 
+@pytest.mark.parametrize("asked", [12, 30])
 @pytest.mark.parametrize(("apart_deg", "apart_m"), [(3.0, 0.1), (8.0, 1e3), (0.0, 0.0)])
 def test_the_search_is_that_of_the_twin(
-    edges: EdgePixels, apart_deg: float, apart_m: float
+    edges: EdgePixels, apart_deg: float, apart_m: float, asked: int
 ) -> None:
     problem = ChamferMap(edges, CAMERA)._problem(edges.every(2))
     rng = np.random.default_rng(5)
     starts = np.array([se3.exp(rng.normal(0, 0.15, 6)) for _ in range(30)])
     room = np.empty(len(problem.directions), np.int32)
     found, scores = np.empty((5, 4, 4)), np.empty(5)
-    rules = (1 + 2 * math.cos(math.radians(apart_deg)), apart_m, 0.1, 0.02, 3, 2)
+    bounds = (1 + 2 * math.cos(math.radians(apart_deg)), apart_m)
+    few, climb = room[: (len(room) + 3) // 4], (0.1, 0.02, 3, 2)
     count, (poses, expected) = both(
         "chamfer_search",
-        lambda: kernels.chamfer_search(problem, starts, *rules, found, scores),
+        lambda: kernels.chamfer_search(problem, starts, *bounds, asked, *climb, found, scores),
         lambda: twins.chamfer_search(
-            lambda T: kernels.chamfer_score(problem, T, room), starts, *rules, 5
+            lambda T: kernels.chamfer_score(problem, T, few),
+            lambda T: kernels.chamfer_score(problem, T, room),
+            starts,
+            *bounds,
+            asked,
+            *climb,
+            5,
         ),
     )
     assert count == len(poses) > 1

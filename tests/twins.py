@@ -580,8 +580,16 @@ def chamfer_score(chamfer, T):
     return found.sum() / max(inside.sum(), chamfer.least)
 
 
-def chamfer_search(score, starts, most_trace, apart_m, step_m, step_rad, halvings, rounds, count):
-    """The best starts that are apart, climbed from; poses and scores. ``score`` judges a pose."""
+def chamfer_search(
+    glance, score, starts, most_trace, apart_m, asked, step_m, step_rad, halvings, rounds, count
+):
+    """The best starts that are apart, climbed from; poses and scores.
+
+    ``score`` judges a pose, of those that ``glance`` finds best.
+    """
+    if len(starts) > asked:
+        first = [glance(T) for T in starts]
+        starts = starts[np.array(first) >= np.sort(first)[-asked]]
     found = []
     for s in np.argsort([-score(T) for T in starts], kind="stable"):
         near = [

@@ -27,6 +27,7 @@ ROLL_DEG = 5.0  # one roll to either side; edges of the next direction count, to
 TRIED_EDGES = 250  # a pose is judged by so many edges, at least
 IN_VIEW = 0.5  # share of these that counts as being in view, at least
 LONGEST_M = 0.4  # no longer way is tried
+ASKED = 64  # poses that all of these edges judge, after a quarter of them has judged all
 CLIMBED = 8  # poses that are climbed from
 APART_DEG = 3.0  # between them, or a way that moves the image as far
 BESIDE = 4  # poses that are climbed from beside a place that is known
@@ -157,6 +158,7 @@ class ChamferMap:
             starts,
             1 + 2 * math.cos(apart_rad),
             apart_m,
+            ASKED,
             CLIMB_M,
             math.radians(CLIMB_DEG),
             HALVINGS,
@@ -176,15 +178,16 @@ class ChamferMap:
         directions = np.empty(len(few), np.int32)
         kernels.directions_of(few.gradients, directions)
         rows, cols, _ = self._scores.shape
+        spread = np.argsort(np.arange(len(few)) % 4, kind="stable")  # the first quarter: all over
         problem = kernels.Chamfer(
             self._scores.ravel(),
             rows,
             cols,
             CELL_PX,
-            np.ascontiguousarray(few.points(self._camera).T, np.float32),
-            directions,
+            np.ascontiguousarray(few.points(self._camera)[spread].T, np.float32),
+            directions[spread],
             camera_of(self._camera),
-            max(IN_VIEW * len(few), 1.0),
+            IN_VIEW,
         )
         self._asked = samples, problem
         return problem

@@ -48,9 +48,9 @@ class PlaneFitter:
         self._pinhole = camera_of(camera)
         self._rows = (camera.height - 1) // config.map_step_px + 1
         self._cols = (camera.width - 1) // config.map_step_px + 1
-        self._map_nodes = _nodes(camera, config.map_step_px, 0)
+        self._map_nodes = _nodes(camera, 0, config.map_step_px)
         self.point_step_px = config.point_step_px
-        self._point_nodes = _nodes(camera, config.point_step_px, config.point_step_px // 2)
+        self._point_nodes = _nodes(camera, config.point_step_px // 2, config.point_step_px)
         self.term = DepthTerm(
             weight=config.weight,
             doubt=config.doubt,
@@ -131,19 +131,35 @@ class PlaneFitter:
         sigma = self._noise.sigma_z(depth.reshape(-1).take(nodes.flat))
         normals, offsets, centres = np.zeros((count, 3)), np.zeros(count), np.zeros((count, 3))
         config = self._config
-        kernels.fit_planes(
-            depth,
-            pixels,
-            sigma,
-            self._table,
-            self._pinhole,
-            config.reach_px,
-            config.stride_px,
-            config.flatness,
-            normals,
-            offsets,
-            centres,
-        )
+        reach, stride = config.reach_px, config.stride_px
+        if pixels is nodes.pixels and not self._table.size and nodes.step % stride == 0:
+            kernels.fit_planes_by_row(
+                depth,
+                nodes.first,
+                nodes.step,
+                sigma,
+                self._pinhole,
+                reach,
+                stride,
+                config.flatness,
+                normals,
+                offsets,
+                centres,
+            )
+        else:
+            kernels.fit_planes(
+                depth,
+                pixels,
+                sigma,
+                self._table,
+                self._pinhole,
+                reach,
+                stride,
+                config.flatness,
+                normals,
+                offsets,
+                centres,
+            )
         if T_cam_depth is not None:
             kernels.move_planes(T_cam_depth, normals, offsets, centres)
         return normals, offsets, centres, sigma
@@ -172,17 +188,23 @@ def camera_of(camera: Camera) -> kernels.Pinhole:
 
 
 class _Nodes(NamedTuple):
-    """Raw pixels (N, 2), inside the image or not, and the flat indices of those nearest to them."""
+    """Raw pixels (N, 2), inside the image or not, and the flat indices of those nearest to them.
+
+    Their ideal ones are ``step`` apart from ``first`` on, row by row.
+    """
 
     pixels: NDArray[np.int32]
     flat: NDArray[np.intp]
+    first: int
+    step: int
 
 
-def _nodes(camera: Camera, step: int, first: int) -> _Nodes:
-    """Raw pixels whose ideal ones are ``step`` apart, row by row."""
+def _nodes(camera: Camera, first: int, step: int) -> _Nodes:
+    """Nodes over the whole of an image."""
     v, u = np.mgrid[first : camera.height : step, first : camera.width : step]
     ideal = np.stack([u.ravel(), v.ravel()], axis=1).astype(np.float64)
     raw = camera.distort(ideal) if camera.is_distorted else ideal
     pixels = np.rint(raw).astype(np.int32)
     inside = np.clip(pixels, 0, (camera.width - 1, camera.height - 1))
-    return _Nodes(pixels, (inside[:, 1] * camera.width + inside[:, 0]).astype(np.intp))
+    flat = (inside[:, 1] * camera.width + inside[:, 0]).astype(np.intp)
+    return _Nodes(pixels, flat, first, step)
