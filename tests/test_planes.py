@@ -9,7 +9,7 @@ from edvo.config import Config, PlanesConfig
 from edvo.edges import NO_TABLE
 from edvo.odometry import Odometry, Status
 from edvo.planes import PlaneFitter, PlaneMap, PlanePoints
-from edvo.registration import NOTHING_NEAR, Registration
+from edvo.registration import AT_ONCE, NOTHING_NEAR, Registration
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
 
 from . import twins
@@ -226,6 +226,21 @@ def test_matching_equals_its_numpy_twin(seed):
     np.testing.assert_allclose(found.Y[:count], Y, rtol=1e-12)
 
 
+@pytest.mark.parametrize("cell", [20.0, 80.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_what_depth_shares_is_that_of_the_numpy_twin(seed, cell):
+    rng = np.random.default_rng(seed)
+    planes, points = random_scene(rng)
+    T = se3.exp(rng.normal(0, 0.05, 6))
+    term = PlaneFitter(CAMERA, PlanesConfig()).term
+    pinhole = kernels.Pinhole(CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy, 320, 240)
+    size = int(np.ceil(240 / cell)), int(np.ceil(320 / cell))
+    found = kernels.shared_depth_factor(planes, points, pinhole, T, AT_ONCE, term, 8.0, cell, *size)
+    expected = twins.shared_depth_factor(planes, points, CAMERA, T, term, 8.0, cell, *size)
+    assert np.isnan(expected) == (cell == 20.0)  # hardly more than one to a cell
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
 def test_the_equations_are_those_of_finite_differences():
     rng = np.random.default_rng(7)
     planes, points = random_scene(rng)
@@ -319,7 +334,8 @@ def test_the_more_its_residuals_exceed_the_noise_the_less_depth_counts(panels):
             wave = 1 + size * np.sin(u / 60.0 + k) * np.sin(v / 60.0 + 2 * k)
             depth = (frame.depth * wave).astype(np.float32)
             bent.append(type(frame)(frame.timestamp, frame.grey, depth))
-        odometry = Odometry(source.camera, Config().with_overrides([FIXED]))
+        rules = [FIXED, "planes.depth_doubt_rule=none"]
+        odometry = Odometry(source.camera, Config().with_overrides(rules))
         balance.append([odometry.track(frame) for frame in bent][-1].alignment.depth_balance)
     assert balance[0] > 1.3 * balance[1] > 1.3**2 * balance[2]
 

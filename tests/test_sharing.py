@@ -9,8 +9,9 @@ import pytest
 from edvo.config import Config, PlanesConfig, RegistrationConfig
 from edvo.edges import EdgePixels
 from edvo.odometry import Odometry, Status
+from edvo.planes import PlaneFitter, PlaneMap, PlanePoints
 from edvo.registration import Alignment, Registration
-from edvo.sharing import MEMORY_S, SharedErrors
+from edvo.sharing import FAIR, MEMORY_S, SharedErrors
 
 from . import problems
 
@@ -146,6 +147,59 @@ def test_it_is_a_mean_of_late():
     assert errors.px < 0.3 * SIGMA
     errors.forget()
     assert errors.px == MOST
+
+
+def wall(shared, own=0.3, seed=0):
+    """Points over the whole image, off a wall by noise, and by a shift a quarter of the image."""
+    rng = np.random.default_rng(seed)
+    camera = problems.VGA
+    v, u = (part.ravel() for part in np.mgrid[8:480:16, 8:640:16])
+    off = rng.normal(0, own, len(u)) + rng.normal(0, shared, 12)[v // 160 * 4 + u // 160]
+    sigma = np.full(len(u), 0.01)
+    X = camera.backproject(np.column_stack([u, v]).astype(float), np.full(len(u), 2.0))
+    X[:, 2] += off * sigma
+    normals = np.tile([0.0, 0.0, 1.0], (len(u), 1))
+    planes = PlaneMap(np.tile([0.0, 0.0, 1.0], (60 * 80, 1)), np.full(60 * 80, 2.0), 60, 80, 8.0)
+    return planes, PlanePoints(X, normals, sigma), PlaneFitter(camera, PlanesConfig()).term
+
+
+def most_after(shared, seconds=(0.03,) * 5, **changes):
+    reference, rng = edges(), np.random.default_rng(1)
+    residuals = rng.normal(0, SIGMA, len(reference))
+    errors = shared_errors(**changes)
+    for k, each in enumerate(seconds):
+        planes, points, term = wall(shared, seed=k)
+        sigma_depth = math.hypot(0.3, shared)
+        seen = replace(found(residuals), depth_balance=1.0, sigma_depth=sigma_depth)
+        errors.note(reference, seen, each, planes, points, term)
+    return errors.most
+
+
+def test_depth_that_errs_by_itself_counts_as_before():
+    assert most_after(0.0) == pytest.approx(FAIR, rel=0.25)
+
+
+def test_depth_that_errs_together_counts_less():
+    """Two thirds of the variance are the same for the hundred points of a cell."""
+    share = 0.4**2 / (0.3**2 + 0.4**2)
+    assert most_after(0.4) == pytest.approx(FAIR / (1 + 99 * share), rel=0.4)
+    assert most_after(0.4) < most_after(0.1) < most_after(0.0)
+
+
+def test_what_depth_shares_is_not_told_by_one_frame_after_a_gap_nor_asked_for_by_another_rule():
+    assert most_after(0.4, (0.03, 0.03, 0.7)) == math.inf
+    assert most_after(0.4, ()) == math.inf
+    assert most_after(0.4, depth_doubt_rule="none") == math.inf
+    assert most_after(0.4, weight=0.0) == math.inf
+
+
+def test_depth_never_counts_more_than_that():
+    """In a room without noise depth shares what its windows round off, and it shows."""
+    odometry, results = track()
+    _, free = track("planes.depth_doubt_rule=none")
+    for a, b in zip(results[1:], free[1:], strict=True):
+        assert a.alignment.depth_balance <= b.alignment.depth_balance * 1.2
+    assert results[-1].alignment.depth_balance <= odometry._shared.most * 1.5
 
 
 def track(*overrides, count=12):

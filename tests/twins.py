@@ -357,6 +357,19 @@ def shared_factor(edges, normals, index, residuals, weight, tuning, sigma, cell,
     return (sums**2).sum() / ((w * r) ** 2).sum()
 
 
+def shared_depth_factor(planes, points, camera, T, term, sigma_d, cell, rows, cols):
+    """Sum of s_c^2 over that of (w r)^2, s_c the sum of w r over a cell; NaN: too few."""
+    _, Y, r = match_planes(planes, points, camera, T, term)
+    w = robust.weights(r / sigma_d, "tukey", kernels.TUKEY_TUNING)
+    Y, r, w = Y[w > 0], r[w > 0], w[w > 0]
+    pixels = Y[:, :2] / Y[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+    cells = np.clip(pixels // cell, 0, (cols - 1, rows - 1))
+    _, cell_of, counts = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
+    if (counts**2).sum() < 2 * len(r) or not (w * r).any():
+        return np.nan
+    return (np.bincount(cell_of.ravel(), w * r) ** 2).sum() / ((w * r) ** 2).sum()
+
+
 # -------------------------------------------------------------------------------------- witness
 
 

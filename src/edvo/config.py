@@ -223,6 +223,11 @@ class PlanesConfig(Section):
         description="by less where residuals of one cell of the image do not push the same way, "
         "frame after frame; or always by that much",
     )
+    depth_doubt_rule: Literal["measured", "none"] = Field(
+        default="measured",
+        description="depth counts less where its residuals push the same way over a quarter of "
+        "the image, while edges do not; or whatever they do",
+    )
     doubt: Positive = Field(
         default=1.5,
         description="depth counts half where its residuals are this large in units of the "
@@ -241,7 +246,9 @@ class PlanesConfig(Section):
         default=8, description="half the window that a plane is fitted to"
     )
     stride_px: Annotated[int, Field(ge=1)] = Field(
-        default=4, description="every such pixel of the window is looked at"
+        default=2,
+        description="every such pixel of the window is looked at; every second of these where the "
+        "lens distorts, or depth came late",
     )
     flatness: Positive = Field(
         default=2.5,
@@ -583,7 +590,12 @@ PRESETS: dict[str, dict[str, Any]] = {
     "default": {},
     "paper": {
         "edges": {"strong_share": 0.0, "position": "pixel"},
-        "planes": {"weight": 0.0, "alone_share": 0.0, "edge_doubt_rule": "fixed"},
+        "planes": {
+            "weight": 0.0,
+            "alone_share": 0.0,
+            "edge_doubt_rule": "fixed",
+            "depth_doubt_rule": "none",
+        },
         "motion": {"search_deg": 0.0, "prior_stride": 4, "depth_delay": "none", "readout": "none"},
         "keyframes": {"window": 1, "stored": 0},
         "sampling": {"count": 450},

@@ -181,6 +181,7 @@ class DepthTerm(NamedTuple):
     weight: float  # 0 leaves the term out
     doubt: float  # scale of the residuals at which it counts half
     edge_doubt: float  # px; what edges err by together
+    most: float  # that it counts, times the edges
     min_dot: float  # cosine of the widest angle between the normals
     limit: float  # of a residual, in units of the noise
     min_points: int
@@ -2096,6 +2097,7 @@ def align(
                     sigma_d = median_scale(near.residuals, near_count, MIN_PLANE_SIGMA)
                     balance = term.weight / (1 + sigma_d / term.doubt)
                     balance *= 1 + (term.edge_doubt / sigma) ** 2
+                    balance = min(balance, term.most)
                     cost += apart * balance / n * plane_cost(near, near_count, asked, sigma_d)
                     plane_equations(near, near_count, sigma_d, H_planes, b_planes)
                     scale = apart * balance * (sigma / sigma_d) ** 2 / every
@@ -2659,6 +2661,47 @@ def shared_factor(
         shared += sums[c, 0] * sums[c, 0] + sums[c, 1] * sums[c, 1]
         pairs += sums[c, 2] * sums[c, 2]
     if pairs < count or squares == 0:
+        return np.nan
+    return shared / squares
+
+
+@compiled
+def shared_depth_factor(
+    planes: PlaneMap,
+    surface: PlanePoints,
+    camera: Pinhole,
+    T: F64,
+    lag: Lag,
+    term: DepthTerm,
+    sigma_d: float,
+    cell: float,
+    rows: int,
+    cols: int,
+) -> float:
+    """As ``shared_factor`` for the distances of points to planes, by Tukey's weights."""
+    matches = new_plane_matches(surface.sigma.size)
+    count = match_planes(planes, surface, camera, lagged(T, lag), term, matches)
+    sums = np.zeros((rows * cols, 2))
+    inverse, per_px = 1 / (sigma_d * sigma_d), 1 / cell
+    squares, counted = 0.0, 0.0
+    for i in range(count):
+        r = matches.residuals[i]
+        w = robust_weight(r * r * inverse, TUKEY, TUKEY_TUNING)
+        if w <= 0:
+            continue
+        per_z = per_px / matches.Y[i, 2]
+        u = camera.fx * matches.Y[i, 0] * per_z + camera.cx * per_px
+        v = camera.fy * matches.Y[i, 1] * per_z + camera.cy * per_px
+        c = min(max(int(v), 0), rows - 1) * cols + min(max(int(u), 0), cols - 1)
+        sums[c, 0] += w * r
+        sums[c, 1] += 1
+        squares += w * r * w * r
+        counted += 1
+    shared, pairs = 0.0, -counted
+    for c in range(rows * cols):
+        shared += sums[c, 0] * sums[c, 0]
+        pairs += sums[c, 1] * sums[c, 1]
+    if pairs < counted or squares == 0:
         return np.nan
     return shared / squares
 

@@ -707,7 +707,8 @@ class Odometry:
         self._sure = status is Status.TRACKED
         if self._sure:
             self._judge.note(alignment)
-            self._shared.note(keyframe.edges.edges, alignment, period)
+            compared = keyframe.planes, registered.points, self._fitter.term
+            self._shared.note(keyframe.edges.edges, alignment, period, *compared)
             self._instants.note(keyframe, registered, alignment, period)
             self._cruise += (self._velocity - self._cruise) * min(period / CRUISE_S, 1.0)
         else:

@@ -22,6 +22,7 @@ __all__ = ["NO_PLANES", "NO_POINTS", "DepthTerm", "PlaneFitter", "PlaneMap", "Pl
 
 NO_PLANES = PlaneMap(np.zeros((0, 3)), np.zeros(0), 0, 0, 1.0)
 NO_POINTS = PlanePoints(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+COARSER = 2  # times the stride where windows do not lie in rows, and share nothing
 
 
 class PlaneFitter:
@@ -55,6 +56,7 @@ class PlaneFitter:
             weight=config.weight,
             doubt=config.doubt,
             edge_doubt=config.edge_doubt_px,
+            most=math.inf,
             min_dot=math.cos(math.radians(config.max_angle_deg)),
             limit=config.max_distance,
             min_points=config.min_points,
@@ -154,7 +156,7 @@ class PlaneFitter:
                 self._table,
                 self._pinhole,
                 reach,
-                stride,
+                COARSER * stride,
                 config.flatness,
                 normals,
                 offsets,

@@ -22,7 +22,9 @@ from edvo.robust import TUNING, WEIGHTS
 RESIDUALS = {"divergence": kernels.SIGNED, "distance": kernels.DISTANCE}
 AGREEING = math.cos(math.radians(45))  # of gradients, even if the camera has rolled a little
 AT_ONCE = kernels.Lag(0.0, np.eye(4), np.eye(4), np.empty(0))
-EDGES_ALONE = DepthTerm(weight=0.0, doubt=1.0, edge_doubt=0.0, min_dot=1.0, limit=0.0, min_points=1)
+EDGES_ALONE = DepthTerm(
+    weight=0.0, doubt=1.0, edge_doubt=0.0, most=math.inf, min_dot=1.0, limit=0.0, min_points=1
+)
 NOTHING_NEAR = kernels.NearMap(np.empty(0, np.uint32), 0, 0, 0.0, 0.0, 1.0)
 COARSE_POINTS = np.int64(3)  # while edges are looked up one point of depth in so many is taken
 STAGES = {

@@ -37,6 +37,10 @@ VARIANTS = (
         "planes: edges doubted by 0.4 px always",
         ("planes.weight=1", "planes.edge_doubt_rule=fixed"),
     ),
+    Variant(
+        "planes: at that whatever depth errs by together",
+        ("planes.weight=1", "planes.depth_doubt_rule=none"),
+    ),
     Variant("planes: edges not doubted", ("planes.weight=1", "planes.edge_doubt_px=0")),
     Variant(
         "planes: at full weight whatever the residuals", ("planes.weight=1", "planes.doubt=1e6")
