@@ -107,9 +107,11 @@ def test_scores_are_those_of_the_twin(edges: EdgePixels) -> None:
     np.testing.assert_array_equal(scores, expected)
 
 
-def test_the_score_is_that_of_the_twin(edges: EdgePixels) -> None:
+@pytest.mark.parametrize("yaw", [0.03, 0.3, 0.8])
+def test_the_score_is_that_of_the_twin(edges: EdgePixels, yaw: float) -> None:
+    """Where half of it or less is in view, too."""
     problem = ChamferMap(edges, CAMERA)._problem(edges.every(3))
-    T = se3.exp(np.array([0.02, -0.05, 0.1, 0.02, 0.03, -0.04]))
+    T = se3.exp(np.array([0.02, -0.05, 0.1, 0.02, yaw, -0.04]))
     room = np.empty(len(problem.directions), np.int32)
     score, expected = both(
         "chamfer_score",

@@ -175,17 +175,27 @@ def test_fitting_equals_its_numpy_twin(camera, seed):
         np.testing.assert_allclose(mine[found], numpy[found], rtol=1e-7, atol=1e-9)
 
 
-@pytest.mark.parametrize(("first", "step"), [(0, 8), (8, 16), (4, 12), (0, 64)])
+@pytest.mark.parametrize(
+    ("reach", "stride", "first", "step"),
+    [
+        (8, 2, 0, 8),
+        (8, 2, 8, 16),
+        (8, 4, 4, 12),
+        (8, 1, 0, 64),
+        (8, 3, 0, 9),  # of these the middle is none of the pixels that are looked at
+        (7, 4, 0, 8),
+        (3, 4, 2, 4),
+    ],
+)
 @pytest.mark.parametrize("seed", range(3))
-def test_fitting_row_by_row_equals_fitting_node_by_node(first, step, seed):
+def test_fitting_row_by_row_equals_fitting_node_by_node(reach, stride, first, step, seed):
     depth = depth_with_holes_and_steps(np.random.default_rng(seed))
-    config = PlanesConfig()
     v, u = (part.ravel() for part in np.mgrid[first:240:step, first:320:step])
     nodes = np.column_stack([u, v]).astype(np.int32)
     n = len(nodes)
     sigma = np.random.default_rng(seed).uniform(2e-3, 2e-2, n)
     pinhole = kernels.Pinhole(CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy, 320, 240)
-    rule = config.reach_px, config.stride_px, config.flatness
+    rule = reach, stride, PlanesConfig().flatness
     by_node, by_row = ((np.zeros((n, 3)), np.zeros(n), np.zeros((n, 3))) for _ in range(2))
     kernels.fit_planes_by_row(depth, first, step, sigma, pinhole, *rule, *by_row)
     kernels.fit_planes(depth, nodes, sigma, NO_TABLE, pinhole, *rule, *by_node)

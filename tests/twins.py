@@ -590,7 +590,7 @@ def chamfer_score(chamfer, T):
     inside = (u >= 0) & (v >= 0) & (u < chamfer.cols - 2) & (v < chamfer.rows - 2)
     scores = chamfer.scores.reshape(chamfer.rows, chamfer.cols, -1)
     found = scores[v[inside] + 1, u[inside] + 1, chamfer.directions[ahead][inside]]
-    return found.sum() / max(inside.sum(), chamfer.least)
+    return found.sum() / max(inside.sum(), chamfer.least * len(Y), 1)
 
 
 def chamfer_search(

@@ -225,8 +225,8 @@ class PlanesConfig(Section):
     )
     depth_doubt_rule: Literal["measured", "none"] = Field(
         default="measured",
-        description="depth counts less where its residuals push the same way over a quarter of "
-        "the image, while edges do not; or whatever they do",
+        description="depth counts less where its residuals push the same way over cells of a "
+        "quarter of the image's width, and edges do not; or whatever they do",
     )
     doubt: Positive = Field(
         default=1.5,
@@ -248,7 +248,7 @@ class PlanesConfig(Section):
     stride_px: Annotated[int, Field(ge=1)] = Field(
         default=2,
         description="every such pixel of the window is looked at; every second of these where the "
-        "lens distorts, or depth came late",
+        "lens distorts, and in keyframes whose depth came late",
     )
     flatness: Positive = Field(
         default=2.5,

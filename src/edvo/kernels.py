@@ -292,7 +292,7 @@ def collect_edges(mask: NDArray[np.uint8], index: I32) -> int:
 
 @lean_float
 def take_logs(x: F32, bits: I32, exponents: F32) -> None:
-    """Take the logarithms of positive numbers, to 3e-7; ``bits`` is a view of them.
+    """Take the logarithms of positive normal numbers, to 3e-7 of each; ``bits`` is a view of them.
 
     That of the power of two, and that of what is left, between the roots of 1/2 and 2, by the
     series of artanh: on vectors, six times as fast as one by one by the library.
@@ -616,7 +616,7 @@ def fit_planes(
         if 4 * n < 3 * wanted:
             continue
         off = flatness * sigma[k] / (np.float64(depth[v0, u0]) * depth[v0, u0])
-        sums = Sums(n, su, sv, suu, suv, svv, sw, suw, svw, sww)
+        sums = Sums(float(n), su, sv, suu, suv, svv, sw, suw, svw, sww)
         set_plane(sums, cu, cv, off, camera, k, normals, offsets, centres)
 
 
@@ -670,9 +670,10 @@ def fit_planes_by_row(
         v = first - reach + i * stride
         if 0 <= v < height:
             inverse_depths(depth[v], first - reach, stride, lattice[i])
-    square = 0.0  # the sum of u u over a whole window
+    along, square = 0.0, 0.0  # the sums of u and u u over a row of a window
     for j in range(side):
-        square += side * float(j * stride - reach) ** 2
+        along += float(j * stride - reach)
+        square += float(j * stride - reach) ** 2
     below = np.empty((4, lattice.shape[1]))
     for row in range(rows):
         below[:] = 0.0
@@ -693,9 +694,10 @@ def fit_planes_by_row(
                 svw, sww = svw + below[2, at], sww + below[3, at]
             if 4 * n < 3 * side * side:
                 continue
-            su, sv, suu, suv, svv = 0.0, 0.0, square, 0.0, square
+            su, suu = side * along, side * square
+            sv, suv, svv = su, along * along, suu
             if n < side * side:
-                suu, svv = 0.0, 0.0
+                su, sv, suu, suv, svv = 0.0, 0.0, 0.0, 0.0, 0.0
                 for i in range(side):
                     for j in range(side):
                         if lattice[row * apart + i, col * apart + j] > 0:
@@ -2371,10 +2373,10 @@ def chamfer_search(
 ) -> int:
     """Climb from the best starts that are apart: by a trace below ``most_trace``, or ``apart_m``.
 
-    The first quarter of the points tells which ``asked`` starts all of them judge. A climb tries a
-    step to either side along each axis of the camera and about it, takes the best, at most
-    ``rounds`` times, and goes on with steps half as long. Writes as many poses as ``found`` holds,
-    and their scores, the best start first; returns how many.
+    The first quarter of the points tells which ``asked`` starts, or more that are as good, all of
+    them judge. A climb tries a step to either side along each axis of the camera and about it,
+    takes the best, at most ``rounds`` times, and goes on with steps half as long. Writes as many
+    poses as ``found`` holds, and their scores, the best start first; returns how many.
     """
     values = np.empty(starts.shape[0])
     cells = np.empty(chamfer.directions.size, np.int32)
@@ -2616,6 +2618,18 @@ def combine_parts(
     return True
 
 
+@lean
+def shared_ratio(sums: F64, squares: float, count: float) -> float:
+    """Squares of the sums over cells (u, v, how many) over those of what was summed, or NaN."""
+    shared, pairs = 0.0, -count
+    for c in range(sums.shape[0]):
+        shared += sums[c, 0] * sums[c, 0] + sums[c, 1] * sums[c, 1]
+        pairs += sums[c, 2] * sums[c, 2]
+    if pairs < count or squares == 0:
+        return np.nan
+    return shared / squares
+
+
 @compiled
 def shared_factor(
     edges: F32,
@@ -2656,13 +2670,7 @@ def shared_factor(
         sums[c, 2] += 1
         squares += push * push
         count += 1
-    shared, pairs = 0.0, -count
-    for c in range(rows * cols):
-        shared += sums[c, 0] * sums[c, 0] + sums[c, 1] * sums[c, 1]
-        pairs += sums[c, 2] * sums[c, 2]
-    if pairs < count or squares == 0:
-        return np.nan
-    return shared / squares
+    return shared_ratio(sums, squares, count)
 
 
 @compiled
@@ -2681,7 +2689,7 @@ def shared_depth_factor(
     """As ``shared_factor`` for the distances of points to planes, by Tukey's weights."""
     matches = new_plane_matches(surface.sigma.size)
     count = match_planes(planes, surface, camera, lagged(T, lag), term, matches)
-    sums = np.zeros((rows * cols, 2))
+    sums = np.zeros((rows * cols, 3))
     inverse, per_px = 1 / (sigma_d * sigma_d), 1 / cell
     squares, counted = 0.0, 0.0
     for i in range(count):
@@ -2694,16 +2702,10 @@ def shared_depth_factor(
         v = camera.fy * matches.Y[i, 1] * per_z + camera.cy * per_px
         c = min(max(int(v), 0), rows - 1) * cols + min(max(int(u), 0), cols - 1)
         sums[c, 0] += w * r
-        sums[c, 1] += 1
+        sums[c, 2] += 1
         squares += w * r * w * r
         counted += 1
-    shared, pairs = 0.0, -counted
-    for c in range(rows * cols):
-        shared += sums[c, 0] * sums[c, 0]
-        pairs += sums[c, 1] * sums[c, 1]
-    if pairs < counted or squares == 0:
-        return np.nan
-    return shared / squares
+    return shared_ratio(sums, squares, counted)
 
 
 # -------------------------------------------------------------------------------------- witness

@@ -306,7 +306,7 @@ class Odometry:
         far = self._is_far_step(timestamp)
         with self._clock("registration"):
             starts = self._starts(timestamp, seen)
-            term = self._shared.term(self._fitter.term)
+            term = self._shared.term(self._fitter.term, self._period(timestamp))
             lag = self._lag(seen)
             alignment = self._registration.align(
                 key.edges, seen.samples, starts, key.planes, seen.points, term, lag, far=far
@@ -620,6 +620,7 @@ class Odometry:
         self._blind = bare  # edges that come back then are none that it knows
         self._anchor = (self._pieces.since, T_world_cam) if bare else None
         self._take_keyframe(keyframe, keep=not bare)
+        self._shared.forget()
         self._chain.forget()
         self._search.forget()
         self._witness.forget()
@@ -712,6 +713,7 @@ class Odometry:
             self._instants.note(keyframe, registered, alignment, period)
             self._cruise += (self._velocity - self._cruise) * min(period / CRUISE_S, 1.0)
         else:
+            self._shared.interrupt()
             self._instants.interrupt()
         self._T_world_last = keyframe.T_world_key @ T_key_cur
         covariance: NDArray[np.float64] | None = None

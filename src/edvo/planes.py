@@ -22,7 +22,7 @@ __all__ = ["NO_PLANES", "NO_POINTS", "DepthTerm", "PlaneFitter", "PlaneMap", "Pl
 
 NO_PLANES = PlaneMap(np.zeros((0, 3)), np.zeros(0), 0, 0, 1.0)
 NO_POINTS = PlanePoints(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
-COARSER = 2  # times the stride where windows do not lie in rows, and share nothing
+COARSER = 2  # times the stride where windows do not lie in rows: they share nothing
 
 
 class PlaneFitter:
@@ -134,7 +134,10 @@ class PlaneFitter:
         normals, offsets, centres = np.zeros((count, 3)), np.zeros(count), np.zeros((count, 3))
         config = self._config
         reach, stride = config.reach_px, config.stride_px
-        if pixels is nodes.pixels and not self._table.size and nodes.step % stride == 0:
+        in_rows = pixels is nodes.pixels and not self._table.size
+        if not in_rows:
+            stride = min(COARSER * stride, max(reach, stride))
+        if in_rows and nodes.step % stride == 0:
             kernels.fit_planes_by_row(
                 depth,
                 nodes.first,
@@ -156,7 +159,7 @@ class PlaneFitter:
                 self._table,
                 self._pinhole,
                 reach,
-                COARSER * stride,
+                stride,
                 config.flatness,
                 normals,
                 offsets,

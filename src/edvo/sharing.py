@@ -23,7 +23,7 @@ FAIR = 4.0  # and hold more of what is shared: so many times their ratio is fair
 
 
 class SharedErrors:
-    """Measures what edges err by together, frame after frame.
+    """Measures what edges err by together, and what depth does, frame after frame.
 
     Parameters
     ----------
@@ -48,7 +48,11 @@ class SharedErrors:
     def forget(self) -> None:
         """Start anew, from the most that is believed."""
         self._factor, self._sigma = math.nan, 0.0
-        self._depth_factor = math.nan
+        self.interrupt()
+
+    def interrupt(self) -> None:
+        """Forget what depth errs by together: the next frame is no longer one of these."""
+        self._depth_factor, self._seconds = math.nan, 0.0
 
     @property
     def px(self) -> float:
@@ -59,8 +63,9 @@ class SharedErrors:
 
     @property
     def most(self) -> float:
-        """What depth may count at most, times the edges."""
-        if math.isnan(self._factor) or math.isnan(self._depth_factor):
+        """What depth may count at most, times the edges; infinite as long as that is not known."""
+        unknown = math.isnan(self._factor) or math.isnan(self._depth_factor)
+        if unknown or self._seconds < MEMORY_S:  # one frame has a dozen of the wide cells: too few
             return math.inf
         return FAIR * max(self._factor, 1.0) / max(self._depth_factor, 1.0)
 
@@ -110,7 +115,7 @@ class SharedErrors:
                 self._sigma = alignment.sigma_px
                 self._factor = _mean_of_late(self._factor, factor, share)
         if seconds > MEMORY_S:
-            self._depth_factor = math.nan  # one frame has a dozen of the wide cells: too few
+            self.interrupt()
         elif self._is_capped and alignment.depth_balance > 0:
             factor = kernels.shared_depth_factor(
                 planes,
@@ -126,20 +131,24 @@ class SharedErrors:
             )
             if not math.isnan(factor):
                 self._depth_factor = _mean_of_late(self._depth_factor, factor, share)
+                self._seconds += seconds
 
-    def term(self, term: DepthTerm) -> DepthTerm:
+    def term(self, term: DepthTerm, seconds: float = 0.0) -> DepthTerm:
         """Let depth count by what was measured.
 
         Parameters
         ----------
         term : DepthTerm
+        seconds : float, optional
+            Since then.
 
         Returns
         -------
         DepthTerm
             The same but for ``edge_doubt`` and ``most``.
         """
-        return term._replace(edge_doubt=self.px, most=self.most)
+        most = self.most if seconds <= MEMORY_S else math.inf
+        return term._replace(edge_doubt=self.px, most=most)
 
 
 def _mean_of_late(mean: float, value: float, share: float) -> float:
