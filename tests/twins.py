@@ -22,21 +22,26 @@ def collect_edges(mask):
     return np.flatnonzero(mask).astype(np.int32)
 
 
-def offset_of(dx, dy, u, v):
-    """From a pixel to its edge, (2,): the vertex of a Gaussian along the row or the column."""
+def parabola_at(dx, dy, u, v):
+    """Of the Gaussian through three gradients: along which axis, first and second differences."""
     height, width = dx.shape
     if not (0 < u < width - 1 and 0 < v < height - 1):
-        return np.zeros(2)
+        return 0, 0.0, 0.0
     g = np.array([dx[v, u], dy[v, u]], np.float64)
     around = np.stack((dx, dy), axis=-1)[v - 1 : v + 2, u - 1 : u + 2].astype(np.float64) @ g
     across = int(abs(g[1]) > abs(g[0]))
     left, middle, right = around.sum(axis=across)
-    offset = np.zeros(2)
     if min(left, middle, right) > 0:
         left, middle, right = np.log([left, middle, right])
-    bend = left - 2 * middle + right
-    if bend < 0:
-        offset[across] = np.clip((left - right) / (2 * bend), -1, 1)
+    return across, left - right, left - 2 * middle + right
+
+
+def offset_of(dx, dy, u, v):
+    """From a pixel to its edge, (2,): the vertex of a Gaussian along the row or the column."""
+    across, skew, bend = parabola_at(dx, dy, u, v)
+    offset = np.zeros(2)
+    if bend < -kernels.FLAT:
+        offset[across] = np.clip(skew / (2 * bend), -1, 1)
     return offset
 
 

@@ -49,6 +49,7 @@ NEXT, CORNER = np.uint32(4 << EDGE_BITS), np.uint32(6 << EDGE_BITS)  # in quarte
 NOWHERE = np.uint32(1023 << EDGE_BITS)
 LOG_2 = np.float32(np.log(2))
 ROOT_OF_HALF = np.int32(np.float32(np.sqrt(0.5)).view(np.int32))  # its bits
+FLAT = np.float32(1e-6)  # a bend of less than that is none: logarithms are not more exact
 BATCH = 1024  # edges whose gradients are at hand together: they stay in the nearest cache
 MIN_PLANE_SIGMA = 0.02  # floor of the scale of distances to planes, in units of the noise
 
@@ -331,7 +332,7 @@ def find_vertices(before: F32, middle: F32, after: F32, skews: F32, bends: F32, 
         rises = (b > zero) & (m > zero) & (a > zero)
         skew = skews[i] if rises else b - a
         bend = bends[i] if rises else b - two * m + a
-        way = skew / (two * bend) if bend < zero else zero
+        way = skew / (two * bend) if bend < -FLAT else zero
         ways[i] = min(max(way, -one), one)
 
 
