@@ -666,21 +666,27 @@ def fit_planes_by_row(
     if rows <= 0 or cols <= 0:
         return
     apart, side = step // stride, 2 * reach // stride + 1
-    lattice = np.zeros(((rows - 1) * apart + side, (cols - 1) * apart + side))
-    for i in range(lattice.shape[0]):
-        v = first - reach + i * stride
-        if 0 <= v < height:
-            inverse_depths(depth[v], first - reach, stride, lattice[i])
+    # the rows of one window at a time, each in the place of one no longer needed: new memory for
+    # all of them costs more than they do
+    lattice = np.zeros((side, (cols - 1) * apart + side))
+    filled = 0
     along, square = 0.0, 0.0  # the sums of u and u u over a row of a window
     for j in range(side):
         along += float(j * stride - reach)
         square += float(j * stride - reach) ** 2
     below = np.empty((4, lattice.shape[1]))
     for row in range(rows):
+        for i in range(max(filled, row * apart), row * apart + side):
+            v = first - reach + i * stride
+            if 0 <= v < height:
+                inverse_depths(depth[v], first - reach, stride, lattice[i % side])
+            else:
+                lattice[i % side] = 0.0
+        filled = row * apart + side
         below[:] = 0.0
         for i in range(side):
-            down = float(i * stride - reach)
-            add_below(lattice[row * apart + i], down, below[0], below[1], below[2], below[3])
+            line, down = lattice[(row * apart + i) % side], float(i * stride - reach)
+            add_below(line, down, below[0], below[1], below[2], below[3])
         v0 = first + row * step
         for col in range(cols):
             k, u0 = row * cols + col, first + col * step
@@ -701,7 +707,7 @@ def fit_planes_by_row(
                 su, sv, suu, suv, svv = 0.0, 0.0, 0.0, 0.0, 0.0
                 for i in range(side):
                     for j in range(side):
-                        if lattice[row * apart + i, col * apart + j] > 0:
+                        if lattice[(row * apart + i) % side, col * apart + j] > 0:
                             x, y = float(j * stride - reach), float(i * stride - reach)
                             su, sv = su + x, sv + y
                             suu, suv, svv = suu + x * x, suv + x * y, svv + y * y
