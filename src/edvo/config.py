@@ -246,9 +246,7 @@ class PlanesConfig(Section):
         default=8, description="half the window that a plane is fitted to"
     )
     stride_px: Annotated[int, Field(ge=1)] = Field(
-        default=2,
-        description="every such pixel of the window is looked at; every second of these where the "
-        "lens distorts, and in keyframes whose depth came late",
+        default=4, description="every such pixel of the window is looked at"
     )
     flatness: Positive = Field(
         default=2.5,

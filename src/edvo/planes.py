@@ -22,7 +22,6 @@ __all__ = ["NO_PLANES", "NO_POINTS", "DepthTerm", "PlaneFitter", "PlaneMap", "Pl
 
 NO_PLANES = PlaneMap(np.zeros((0, 3)), np.zeros(0), 0, 0, 1.0)
 NO_POINTS = PlanePoints(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
-COARSER = 2  # times the stride where windows do not lie in rows: they share nothing
 
 
 class PlaneFitter:
@@ -135,8 +134,6 @@ class PlaneFitter:
         config = self._config
         reach, stride = config.reach_px, config.stride_px
         in_rows = pixels is nodes.pixels and not self._table.size
-        if not in_rows:
-            stride = min(COARSER * stride, max(reach, stride))
         if in_rows and nodes.step % stride == 0:
             kernels.fit_planes_by_row(
                 depth,
