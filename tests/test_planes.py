@@ -216,7 +216,9 @@ def random_scene(rng):
     pixels = rng.uniform([-20, -20], [340, 260], (300, 2))
     X = CAMERA.backproject(pixels, rng.uniform(1.4, 1.7, 300))
     n = rng.normal([0, 0, 3], 0.3, (300, 3))
-    points = PlanePoints(X, n / np.linalg.norm(n, axis=1)[:, None], rng.uniform(2e-3, 8e-3, 300))
+    points = PlanePoints(
+        X, n / np.linalg.norm(n, axis=1)[:, None], rng.uniform(2e-3, 8e-3, 300), 16.0
+    )
     return planes, points
 
 

@@ -28,7 +28,7 @@ def crisp():
         registration.index(problem.reference), problem.samples, np.eye(4)[None]
     )
     residuals = np.full(len(found.matches), 0.1)
-    return replace(found, residuals=residuals, sigma_px=0.2, plane_points=800)
+    return replace(found, residuals=residuals, sigma_px=0.2, plane_points=800, plane_area=0.6)
 
 
 def judging(alignment, *overrides, frames=30):
@@ -86,6 +86,27 @@ def test_sharper_is_clearly_more_in_place_with_depth_no_worse(crisp):
     assert not scatter.is_sharper(replace(more, reason=FAILURES[1]), before)
 
 
+def test_two_crowds_are_told_from_a_wide_one(crisp):
+    """A scale of 3 px leaves one in six of a single crowd within 0.6 px: half are two crowds."""
+    scatter = judging(crisp).scatter
+    wide = partly(crisp, 0.5, 0.5, sigma_px=3.0)
+    assert scatter.is_sharper(partly(crisp, 0.5, 0.5), wide)
+    assert not scatter.is_sharper(partly(crisp, 0.48, 0.5), wide)  # fewer are no gain
+    assert not scatter.is_sharper(partly(crisp, 0.3, 0.5), partly(crisp, 0.3, 0.5, sigma_px=3.0))
+
+
+@pytest.mark.parametrize("finer", ["measured", "none"])
+def test_the_usual_depth_is_an_area_not_a_count(finer):
+    """Points that lie closely stand for less each."""
+    frames, _ = problems.sequence(30)
+    odometry = Odometry(problems.CAMERA, Config().with_overrides([f"planes.finer={finer}"]))
+    found = [odometry.track(frame).alignment for frame in frames[:20]][1:]
+    counts, areas = np.array([(each.plane_points, each.plane_area) for each in found]).T
+    assert (counts[-1] > 2.5 * counts[0]) == (finer == "measured")
+    assert np.abs(np.diff(areas)).max() < 0.08
+    assert 0.3 < areas.mean() < 1
+
+
 @pytest.mark.parametrize(("inliers", "agreeing"), [(0.45, 0.44), (0.9, 0.3)])
 def test_enough_edges_in_their_places_are_degraded_not_lost(crisp, inliers, agreeing):
     seen = partly(crisp, inliers, agreeing)
@@ -103,7 +124,7 @@ def test_enough_edges_in_their_places_are_degraded_not_lost(crisp, inliers, agre
 def test_what_comes_before_the_lens_is_no_light(crisp):
     judge, seen = judging(crisp), partly(crisp, 0.45, 0.44, sigma_px=0.6)
     assert judge.scatter.is_wide(seen)
-    hand = replace(seen, plane_points=600)
+    hand = replace(seen, plane_area=0.45)
     assert not judge.scatter.is_wide(hand)
     assert judge.judge(seen, SPEED, TURN, follows=True)[0] is Status.DEGRADED
     assert judge.judge(hand, SPEED, TURN, follows=True)[0] is Status.LOST
@@ -223,7 +244,7 @@ def test_a_lasting_change_becomes_the_usual(crisp):
 
 
 def test_without_depth_on_planes_nothing_is_told_from_a_hand(crisp):
-    bare = replace(crisp, plane_points=0)
+    bare = replace(crisp, plane_points=0, plane_area=0.0)
     assert not judging(bare).scatter.is_wide(replace(bare, sigma_px=5.0))
     seen = partly(bare, 0.45, 0.44)
     assert judging(bare).judge(seen, SPEED, TURN, follows=True)[0] is Status.LOST

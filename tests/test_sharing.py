@@ -22,9 +22,9 @@ FIXED = "planes.edge_doubt_rule=fixed"
 
 
 def shared_errors(**changes):
-    config = Config()
+    config = Config(planes=PlanesConfig(**changes))
     solver = Registration(problems.VGA, config.matching, RegistrationConfig(weight="none")).solver
-    return SharedErrors(problems.VGA, PlanesConfig(**changes), solver)
+    return SharedErrors(problems.VGA, config, solver)
 
 
 def edges(per_cell=PER_CELL, spread=math.pi):
@@ -56,6 +56,7 @@ def found(residuals):
         agreeing=len(residuals),
         sigma_px=SIGMA,
         plane_points=0,
+        plane_area=0.0,
         sigma_depth=1.0,
         depth_balance=0.0,
         cost=0.0,
@@ -126,7 +127,7 @@ def test_matches_that_are_missing_or_outliers_do_not_count():
     errors.note(reference, spoilt, 1.0)
     assert errors.px < 0.5 * SIGMA
     solver = Registration(problems.VGA, Config().matching, RegistrationConfig()).solver
-    robust = SharedErrors(problems.VGA, PlanesConfig(), solver)
+    robust = SharedErrors(problems.VGA, Config(), solver)
     robust.note(reference, replace(some, residuals=np.where(none, 10.0, residuals)), 1.0)
     assert robust.px < 0.5 * SIGMA
 
@@ -160,7 +161,7 @@ def wall(shared, own=0.3, seed=0):
     X[:, 2] += off * sigma
     normals = np.tile([0.0, 0.0, 1.0], (len(u), 1))
     planes = PlaneMap(np.tile([0.0, 0.0, 1.0], (60 * 80, 1)), np.full(60 * 80, 2.0), 60, 80, 8.0)
-    return planes, PlanePoints(X, normals, sigma), PlaneFitter(camera, PlanesConfig()).term
+    return planes, PlanePoints(X, normals, sigma, 16.0), PlaneFitter(camera, PlanesConfig()).term
 
 
 def most_after(shared, seconds=(0.03,) * 12, **changes):
@@ -170,7 +171,9 @@ def most_after(shared, seconds=(0.03,) * 12, **changes):
     for k, each in enumerate(seconds):
         planes, points, term = wall(shared, seed=k)
         sigma_depth = math.hypot(0.3, shared)
-        seen = replace(found(residuals), depth_balance=1.0, sigma_depth=sigma_depth)
+        seen = replace(
+            found(residuals), depth_balance=1.0, sigma_depth=sigma_depth, plane_points=1200
+        )
         errors.note(reference, seen, each, planes, points, term)
     return errors.most
 
@@ -241,7 +244,12 @@ def test_depth_that_errs_together_counts_less_in_a_run():
 
 def test_what_depth_shares_is_forgotten():
     reference, rng = edges(), np.random.default_rng(1)
-    seen = replace(found(rng.normal(0, SIGMA, len(reference))), depth_balance=1.0, sigma_depth=0.5)
+    seen = replace(
+        found(rng.normal(0, SIGMA, len(reference))),
+        depth_balance=1.0,
+        sigma_depth=0.5,
+        plane_points=1200,
+    )
     errors = shared_errors()
     for forget in (errors.interrupt, errors.forget):
         for k in range(12):

@@ -20,7 +20,7 @@ from edvo.camera import Camera
 from edvo.edges import EdgePixels
 from edvo.keyframes import Keyframe
 from edvo.matching import Criterion
-from edvo.planes import PlaneFitter, PlaneMap, PlanePoints, camera_of
+from edvo.planes import PlaneFitter, PlaneMap, camera_of
 from edvo.registration import Alignment, Registration
 from edvo.search import Seen, is_apart
 
@@ -318,7 +318,7 @@ class Background:
                 held,
                 broken,
                 self._pinhole,
-                float(self._fitter.point_step_px),
+                points.step_px,
                 REACH,
                 SLACK_M,
                 SLACK_SIGMA,
@@ -332,7 +332,9 @@ class Background:
             samples=EdgePixels(
                 samples.pixels[which], samples.gradients[which], samples.depths[which]
             ),
-            points=PlanePoints(points.X[good], points.normals[good], points.sigma[good]),
+            points=points._replace(
+                X=points.X[good], normals=points.normals[good], sigma=points.sigma[good]
+            ),
         )
 
     def _far(self, seen: Seen) -> _Far | None:

@@ -101,6 +101,11 @@ class SamplingConfig(Section):
         description="N; the paper finds 400 to 500 reasonable (Fig. 6), its preset takes 450; "
         "0 takes all edges",
     )
+    max_growth: Annotated[float, Field(ge=1)] = Field(
+        default=4.0,
+        description="up to so many times N are drawn as far as edges err each by itself, frame "
+        "after frame; 1: never more. Not in the paper",
+    )
     cell_px: Annotated[int, Field(ge=1)] = Field(
         default=80, description="side of a grid cell; not in the paper. 48 cells at 640 x 480"
     )
@@ -247,6 +252,11 @@ class PlanesConfig(Section):
     )
     stride_px: Annotated[int, Field(ge=1)] = Field(
         default=4, description="every such pixel of the window is looked at"
+    )
+    finer: Literal["measured", "none"] = Field(
+        default="measured",
+        description="points, and the pixels that are looked at, half as far apart where depth "
+        "errs at each point by itself, frame after frame; or never",
     )
     flatness: Positive = Field(
         default=2.5,
@@ -593,10 +603,11 @@ PRESETS: dict[str, dict[str, Any]] = {
             "alone_share": 0.0,
             "edge_doubt_rule": "fixed",
             "depth_doubt_rule": "none",
+            "finer": "none",
         },
         "motion": {"search_deg": 0.0, "prior_stride": 4, "depth_delay": "none", "readout": "none"},
         "keyframes": {"window": 1, "stored": 0},
-        "sampling": {"count": 450},
+        "sampling": {"count": 450, "max_growth": 1.0},
         "registration": {
             "weight": "t",
             "coarse_samples": 0,

@@ -8,11 +8,12 @@ from edvo.camera import Camera
 from edvo.chamfer import ChamferMap
 from edvo.clock import Clock
 from edvo.config import Config
+from edvo.detail import Detail, usual_detail
 from edvo.edges import EdgeBuffers, EdgePixels, extract_edges
 from edvo.frame import Frame
 from edvo.keyframes import Keyframe
 from edvo.look import Look
-from edvo.planes import PlaneFitter
+from edvo.planes import PlaneFitter, thinned
 from edvo.registration import Registration
 from edvo.sampling import sample_edges
 from edvo.search import Seen
@@ -47,7 +48,13 @@ class FrontEnd:
         self._registration, self._fitter = registration, fitter
         self._buffers = EdgeBuffers(camera.height, camera.width)
 
-    def see(self, frame: Frame, index: int, T_cam_depth: NDArray[np.float64] | None = None) -> Seen:
+    def see(
+        self,
+        frame: Frame,
+        index: int,
+        T_cam_depth: NDArray[np.float64] | None = None,
+        detail: Detail | None = None,
+    ) -> Seen:
         """Find edges, draw some of them, and ask the depth image for planes.
 
         Parameters
@@ -59,6 +66,8 @@ class FrontEnd:
         T_cam_depth : ndarray of float64, shape (4, 4), optional
             Maps points of the depth image to the camera at the instant of the grey image; taken to
             be the same where not given.
+        detail : Detail, optional
+            How much is taken from it; the usual where not given.
 
         Returns
         -------
@@ -66,10 +75,11 @@ class FrontEnd:
             Its gradients last until the next frame is seen.
         """
         config = self._config
+        count, fine = usual_detail(config) if detail is None else detail
         with self._clock("edges"):
             edges = extract_edges(frame.grey, config.edges, self._buffers)
         with self._clock("planes"):
-            points = self._fitter.points(frame.depth, T_cam_depth)
+            points = self._fitter.points(frame.depth, T_cam_depth, fine=fine)
         with self._clock("sampling"):
             seed = config.seed * SEED_STRIDE + index
             samples = sample_edges(
@@ -80,8 +90,9 @@ class FrontEnd:
                 config.edges,
                 seed,
                 T_cam_depth,
+                count,
             )
-        return Seen(frame, edges, samples, points, T_cam_depth)
+        return Seen(frame, edges, samples, points, T_cam_depth, fine)
 
     def keyframe(
         self,
@@ -110,13 +121,14 @@ class FrontEnd:
         Keyframe
         """
         edges = seen.edges.describe(self._camera) if edges is None else edges
+        usual = self._config.sampling.count or len(seen.samples)
         return Keyframe(
             index=index,
             T_world_key=rigid(T_world_key),
             edges=self._registration.index(edges),
-            planes=self._fitter.planes(seen.frame.depth, seen.T_cam_depth),
-            samples=seen.samples,
-            points=seen.points,
+            planes=self._fitter.planes(seen.frame.depth, seen.T_cam_depth, fine=seen.is_fine),
+            samples=seen.samples.every(max(len(seen.samples) // max(usual, 1), 1)),
+            points=thinned(seen.points) if seen.is_fine else seen.points,
             look=Look(edges, self._camera),
             chamfer=ChamferMap(edges, self._camera),
             timestamp=seen.frame.timestamp,

@@ -36,6 +36,7 @@ class _Held:
     index: NDArray[np.int32]
     edges: EdgePixels
     T_cam_depth: NDArray[np.float64] | None
+    is_fine: bool
     rolled: NDArray[np.float64]  # by that from the middle row to the last
     velocity: NDArray[np.float64] | None
     known: tuple[float, float] | None = None  # delay and readout that its parts were last held to
@@ -206,6 +207,7 @@ class Instants:
             seen.edges.index,
             edges,
             seen.T_cam_depth,
+            seen.is_fine,
             rolled,
             velocity,
         )
@@ -237,7 +239,7 @@ class Instants:
         T_cam_depth = self.depth.motion(held.velocity, held.depth_delay)
         now, then = (np.eye(4) if T is None else T for T in (T_cam_depth, held.T_cam_depth))
         if np.abs(se3.log(se3.inverse(then) @ now)).max() > NEWS:
-            planes = self._fitter.planes(held.depth, T_cam_depth)
+            planes = self._fitter.planes(held.depth, T_cam_depth, fine=held.is_fine)
             changed, held.T_cam_depth = replace(changed, planes=planes), T_cam_depth
         rolled = held.velocity * self.rolling.seconds / 2
         if np.abs(rolled - held.rolled).max() > NEWS:

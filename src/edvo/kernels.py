@@ -174,6 +174,7 @@ class PlanePoints(NamedTuple):
     X: F64  # (M, 3) m
     normals: F64  # (M, 3)
     sigma: F64  # (M,) m, noise of the sensor's depth there
+    step_px: float  # side of the square of the image that each stands for
 
 
 class DepthTerm(NamedTuple):

@@ -14,6 +14,7 @@ from edvo.camera import Camera
 from edvo.clock import Clock, StageClock, no_clock
 from edvo.config import Config
 from edvo.depth_alone import DepthAlone
+from edvo.detail import worthwhile_detail
 from edvo.errors import FrameError, TrajectoryError
 from edvo.frame import Frame
 from edvo.freeze import FREEZE_S, Freeze, glimpse
@@ -108,7 +109,7 @@ class Odometry:
             camera, self.config, self._registration, self._fitter, self._clock
         )
         self._uncertainty = Uncertainty(camera, self.config, self._registration.solver)
-        self._shared = SharedErrors(camera, self.config.planes, self._registration.solver)
+        self._shared = SharedErrors(camera, self.config, self._registration.solver)
         self._instants = Instants(camera, self.config, self._registration, self._fitter)
         self._depth_alone = DepthAlone(camera, self.config, self._fitter.term, self._uncertainty)
         self._witness = Witness(camera, self.config.planes.sensor)
@@ -215,7 +216,10 @@ class Odometry:
         if self._freeze.repeats(frame):
             return self._hold(frame.timestamp)
         self._sight_found = False
-        seen = self._front_end.see(frame, self._count, self._lead(frame))
+        detail = None  # the usual: places are told apart, and depth alone believed, by no more
+        if self._follows(frame.timestamp) and not self._blind and not self._pieces.here:
+            detail = worthwhile_detail(self.config, self.camera, self._shared)
+        seen = self._front_end.see(frame, self._count, self._lead(frame), detail)
         least = self.config.registration.min_matches
         if len(seen.samples) < least:
             few = f"{len(seen.samples)} edges with depth; {least} needed"

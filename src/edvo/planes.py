@@ -21,7 +21,9 @@ from edvo.sensor import DEPTH_NOISE
 __all__ = ["NO_PLANES", "NO_POINTS", "DepthTerm", "PlaneFitter", "PlaneMap", "PlanePoints"]
 
 NO_PLANES = PlaneMap(np.zeros((0, 3)), np.zeros(0), 0, 0, 1.0)
-NO_POINTS = PlanePoints(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+NO_POINTS = PlanePoints(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), 0.0)
+
+FINER = 2  # times as many pixels and points a line, where a frame is looked at closely
 
 
 class PlaneFitter:
@@ -37,8 +39,6 @@ class PlaneFitter:
     ----------
     term : DepthTerm
         What points and planes count in a registration.
-    point_step_px : int
-        A frame has a point at every such pixel.
     """
 
     def __init__(self, camera: Camera, config: PlanesConfig) -> None:
@@ -49,8 +49,8 @@ class PlaneFitter:
         self._rows = (camera.height - 1) // config.map_step_px + 1
         self._cols = (camera.width - 1) // config.map_step_px + 1
         self._map_nodes = _nodes(camera, 0, config.map_step_px)
-        self.point_step_px = config.point_step_px
-        self._point_nodes = _nodes(camera, config.point_step_px // 2, config.point_step_px)
+        steps = config.point_step_px, max(config.point_step_px // FINER, 1)
+        self._point_nodes = [_nodes(camera, step // 2, step) for step in steps]
         self.term = DepthTerm(
             weight=config.weight,
             doubt=config.doubt,
@@ -67,7 +67,11 @@ class PlaneFitter:
         return self.term.weight > 0
 
     def planes(
-        self, depth: NDArray[np.float32], T_cam_depth: NDArray[np.float64] | None = None
+        self,
+        depth: NDArray[np.float32],
+        T_cam_depth: NDArray[np.float64] | None = None,
+        *,
+        fine: bool = False,
     ) -> PlaneMap:
         """Find the planes of a keyframe.
 
@@ -78,6 +82,8 @@ class PlaneFitter:
         T_cam_depth : ndarray of float64, shape (4, 4), optional
             Maps points of the depth image to the camera at the instant of the grey image; taken to
             be the same where not given.
+        fine : bool, optional
+            Whether each is fitted to four times as many pixels.
 
         Returns
         -------
@@ -86,11 +92,15 @@ class PlaneFitter:
         """
         if not self.is_on:
             return NO_PLANES
-        normals, offsets, _, _ = self._fit(depth, self._map_nodes, T_cam_depth, seek=True)
+        normals, offsets, _, _ = self._fit(depth, self._map_nodes, T_cam_depth, fine, seek=True)
         return PlaneMap(normals, offsets, self._rows, self._cols, float(self._config.map_step_px))
 
     def points(
-        self, depth: NDArray[np.float32], T_cam_depth: NDArray[np.float64] | None = None
+        self,
+        depth: NDArray[np.float32],
+        T_cam_depth: NDArray[np.float64] | None = None,
+        *,
+        fine: bool = False,
     ) -> PlanePoints:
         """Choose points of a frame, spread evenly over where its depth is flat.
 
@@ -101,6 +111,8 @@ class PlaneFitter:
         T_cam_depth : ndarray of float64, shape (4, 4), optional
             Maps points of the depth image to the camera at the instant of the grey image; taken to
             be the same where not given.
+        fine : bool, optional
+            Whether there are four times as many, each fitted to four times as many pixels.
 
         Returns
         -------
@@ -110,15 +122,17 @@ class PlaneFitter:
         """
         if not self.is_on:
             return NO_POINTS
-        normals, offsets, centres, sigma = self._fit(depth, self._point_nodes, T_cam_depth)
+        nodes = self._point_nodes[fine]
+        normals, offsets, centres, sigma = self._fit(depth, nodes, T_cam_depth, fine)
         count = kernels.pack_points(offsets, normals, centres, sigma)
-        return PlanePoints(centres[:count], normals[:count], sigma[:count])
+        return PlanePoints(centres[:count], normals[:count], sigma[:count], float(nodes.step))
 
     def _fit(
         self,
         depth: NDArray[np.float32],
         nodes: "_Nodes",
         T_cam_depth: NDArray[np.float64] | None,
+        fine: bool,
         *,
         seek: bool = False,
     ) -> tuple[NDArray[np.float64], ...]:
@@ -133,6 +147,8 @@ class PlaneFitter:
         normals, offsets, centres = np.zeros((count, 3)), np.zeros(count), np.zeros((count, 3))
         config = self._config
         reach, stride = config.reach_px, config.stride_px
+        if fine:
+            stride = max(stride // FINER, 1)
         in_rows = pixels is nodes.pixels and not self._table.size
         if in_rows and nodes.step % stride == 0:
             kernels.fit_planes_by_row(
@@ -167,6 +183,22 @@ class PlaneFitter:
         return normals, offsets, centres, sigma
 
 
+def thinned(points: PlanePoints) -> PlanePoints:
+    """Leave as many of points that lie closely as there are usually.
+
+    Parameters
+    ----------
+    points : PlanePoints
+
+    Returns
+    -------
+    PlanePoints
+    """
+    every = slice(None, None, FINER**2)
+    X, normals, sigma = (np.ascontiguousarray(part[every]) for part in points[:3])
+    return PlanePoints(X, normals, sigma, points.step_px * FINER)
+
+
 def move_points(points: PlanePoints, T: NDArray[np.float64]) -> PlanePoints:
     """Move points, and the planes they lie on.
 
@@ -181,7 +213,7 @@ def move_points(points: PlanePoints, T: NDArray[np.float64]) -> PlanePoints:
     """
     X, normals = points.X.copy(), points.normals.copy()
     kernels.move_planes(T, normals, np.zeros(len(X)), X)
-    return PlanePoints(X, normals, points.sigma)
+    return PlanePoints(X, normals, points.sigma, points.step_px)
 
 
 def camera_of(camera: Camera) -> kernels.Pinhole:

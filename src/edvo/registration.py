@@ -103,6 +103,8 @@ class Alignment:
         Scale of the residuals; 0 where depth was registered alone.
     plane_points : int
         Points of the depth image that lie near a plane of the reference.
+    plane_area : float
+        Share of the image that these stand for.
     sigma_depth : float
         Scale of their distances, in units of the sensor's noise.
     depth_balance : float
@@ -130,6 +132,7 @@ class Alignment:
     agreeing: int
     sigma_px: float
     plane_points: int
+    plane_area: float
     sigma_depth: float
     depth_balance: float
     cost: float
@@ -331,6 +334,7 @@ class Registration:
             agreeing=agreeing,
             sigma_px=sigma,
             plane_points=on_planes,
+            plane_area=on_planes * points.step_px**2 / (self._camera.width * self._camera.height),
             sigma_depth=sigma_depth,
             depth_balance=balance,
             cost=cost,

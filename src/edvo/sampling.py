@@ -18,6 +18,7 @@ def sample_edges(
     edges_config: EdgesConfig,
     seed: int,
     T_cam_depth: NDArray[np.float64] | None = None,
+    count: int | None = None,
 ) -> EdgePixels:
     """Draw N edges with depth: so many from each grid cell, the rest at random from all.
 
@@ -40,13 +41,16 @@ def sample_edges(
     T_cam_depth : ndarray of float64, shape (4, 4), optional
         Maps points of the depth image to the camera at the instant of the grey image; taken to be
         the same where not given.
+    count : int, optional
+        N, where it is not that of ``config``.
 
     Returns
     -------
     EdgePixels
         At most N, each with a depth > 0, in row order.
     """
-    count = min(config.count, len(edges)) if config.count else len(edges)
+    wanted = config.count if count is None else count
+    count = min(wanted, len(edges)) if wanted else len(edges)
     which = np.empty(count, np.int32)
     depths = np.empty(count, np.float32)
     drawn = kernels.draw_samples(

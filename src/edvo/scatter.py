@@ -13,8 +13,10 @@ WIDENING = 1.03  # of the usual, by a frame that is scattered: else a lasting ch
 SHARP, TIGHT = 2.0, 3.0  # times the usual: the scale to try; within which an edge is in its place
 SHARPEST = 0.5  # of an inlier's residual, what is in its place at most, to tell places apart
 SHARPER = 1.1  # times as many edges in their places: more than chance
+PEAKED = 2.0  # times as many in their places as one crowd of that width would have there
 NO_WORSE = 0.95  # times what depth fitted: no less than chance
-LEFT = 0.8  # of the points on planes, where nothing has come before the lens
+LEAST_AREA = 0.04  # of the image; less of it on planes says nothing
+LEFT = 0.8  # of what lay on planes, where nothing has come before the lens
 AGREEING_SIGMA = 3.0  # times the sensor's noise, at which depth agrees half
 
 
@@ -29,9 +31,8 @@ class Scatter:
 
     def __init__(self, config: Config) -> None:
         self._status = config.status
-        self._least_points = config.planes.min_points
         self._usual_px = math.inf  # the mean sigma_px of late
-        self._usual_points = 0.0  # how many points of depth lay on planes
+        self._usual_area = 0.0  # how much of the image lay on planes
 
     @property
     def sharp_px(self) -> float:
@@ -47,9 +48,9 @@ class Scatter:
         """
         sigma_px = max(alignment.sigma_px, LEAST_PX)
         if math.isinf(self._usual_px):
-            self._usual_px, self._usual_points = sigma_px, alignment.plane_points
+            self._usual_px, self._usual_area = sigma_px, alignment.plane_area
         self._usual_px += SHARE * (sigma_px - self._usual_px)
-        self._usual_points += SHARE * (alignment.plane_points - self._usual_points)
+        self._usual_area += SHARE * (alignment.plane_area - self._usual_area)
 
     def widen(self) -> None:
         """Take note of a registration whose edges are scattered."""
@@ -90,7 +91,8 @@ class Scatter:
         """Whether a registration puts clearly more edges in their places, and depth no worse.
 
         Light leaves two crowds of edges, and depth as it is; a shutter that rolls, or blur, widens
-        the only crowd, and a stamp that is wrong moves depth, too.
+        the only crowd, and a stamp that is wrong moves depth, too. Where more are in their places
+        than one wide crowd has there, there are two, and as many in place are enough.
 
         Parameters
         ----------
@@ -100,7 +102,10 @@ class Scatter:
         -------
         bool
         """
-        more = self.in_place(alignment) > SHARPER * self.in_place(other)
+        there, here = self.in_place(alignment), self.in_place(other)
+        wide = max(other.sigma_px, LEAST_PX)
+        of_one = other.match_count * math.erf(TIGHT * self._usual_px / (math.sqrt(2) * wide))
+        more = there > SHARPER * here or (there >= here and here > PEAKED * of_one)
         return more and fitting_depth(alignment) > NO_WORSE * fitting_depth(other)
 
     def is_sharp(self, alignment: Alignment) -> bool:
@@ -125,8 +130,8 @@ class Scatter:
 
     def _has_usual_depth(self, alignment: Alignment) -> bool:
         """Whether as much depth lies on planes as did of late: light leaves it, a hand does not."""
-        known = self._usual_points >= self._least_points
-        return known and alignment.plane_points >= LEFT * self._usual_points
+        known = self._usual_area >= LEAST_AREA
+        return known and alignment.plane_area >= LEFT * self._usual_area
 
 
 def fitting_depth(alignment: Alignment) -> float:

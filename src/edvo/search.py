@@ -50,6 +50,7 @@ class Seen:
     samples: EdgePixels
     points: PlanePoints
     T_cam_depth: NDArray[np.float64] | None = None  # that the points were moved by already
+    is_fine: bool = False  # whether its points lie closely
 
 
 class Search:

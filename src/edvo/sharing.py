@@ -11,7 +11,7 @@ import math
 
 from edvo import kernels
 from edvo.camera import Camera
-from edvo.config import PlanesConfig
+from edvo.config import Config
 from edvo.edges import EdgePixels
 from edvo.planes import NO_PLANES, NO_POINTS, DepthTerm, PlaneMap, PlanePoints, camera_of
 from edvo.registration import EDGES_ALONE, Alignment
@@ -29,45 +29,65 @@ class SharedErrors:
     ----------
     camera : Camera
         Of the images.
-    config : PlanesConfig
-        Its ``edge_doubt_px`` is the most that is believed.
+    config : Config
+        Its ``planes.edge_doubt_px`` is the most that is believed.
     solver : kernels.Solver
         Of the registration that the alignments come from.
     """
 
-    def __init__(self, camera: Camera, config: PlanesConfig, solver: kernels.Solver) -> None:
+    def __init__(self, camera: Camera, config: Config, solver: kernels.Solver) -> None:
         self._cell = camera.width / CELLS
         self._rows = math.ceil(camera.height / self._cell)
         self._camera = camera_of(camera)
-        self._most = config.edge_doubt_px
-        self._is_measured = config.edge_doubt_rule == "measured" and config.weight > 0
-        self._is_capped = config.depth_doubt_rule == "measured" and config.weight > 0
+        planes, sampling = config.planes, config.sampling
+        self._most = planes.edge_doubt_px
+        self._is_measured = planes.edge_doubt_rule == "measured" and planes.weight > 0
+        self._is_capped = planes.depth_doubt_rule == "measured" and planes.weight > 0
+        self._asks_depth = self._is_capped or (planes.finer == "measured" and planes.weight > 0)
+        self._asks_edges = self._is_measured or self._asks_depth or sampling.max_growth > 1
         self._solver = solver
         self.forget()
 
     def forget(self) -> None:
         """Start anew, from the most that is believed."""
-        self._factor, self._sigma = math.nan, 0.0
+        self._share, self._count, self._sigma = math.nan, 0, 0.0
+        self._wide_share = math.nan
         self.interrupt()
 
     def interrupt(self) -> None:
         """Forget what depth errs by together: the next frame is no longer one of these."""
-        self._depth_factor, self._seconds = math.nan, 0.0
+        self._depth_share, self._depth_count, self._seconds = math.nan, 0, 0.0
 
     @property
     def px(self) -> float:
         """What edges err by together, pixels."""
-        if math.isnan(self._factor) or not self._is_measured:
+        if math.isnan(self._share) or not self._is_measured:
             return self._most
-        return min(self._sigma * math.sqrt(max(self._factor - 1.0, 0.0)), self._most)
+        return min(self._sigma * math.sqrt(max(self._share, 0.0) * self._count), self._most)
 
     @property
     def most(self) -> float:
         """What depth may count at most, times the edges; infinite as long as that is not known."""
-        unknown = math.isnan(self._factor) or math.isnan(self._depth_factor)
-        if unknown or self._seconds < MEMORY_S:  # one frame has a dozen of the wide cells: too few
+        if not self._is_capped or math.isnan(self._share) or math.isnan(self.depth_share):
             return math.inf
-        return FAIR * max(self._factor, 1.0) / max(self._depth_factor, 1.0)
+        factor = 1.0 + max(self._share, 0.0) * self._count
+        return FAIR * factor / (1.0 + max(self._depth_share, 0.0) * self._depth_count)
+
+    @property
+    def matches(self) -> int:
+        """How many samples the last frame had in their places."""
+        return self._count
+
+    @property
+    def edge_share(self) -> float:
+        """What each sample adds to the ratio of wide cells; NaN where that is not known."""
+        return self._wide_share
+
+    @property
+    def depth_share(self) -> float:
+        """What each point of depth adds to the ratio of wide cells; NaN where it is not known."""
+        # One frame has a dozen of them: too few.
+        return self._depth_share if self._seconds >= MEMORY_S else math.nan
 
     def note(
         self,
@@ -98,25 +118,16 @@ class SharedErrors:
         if not alignment.sigma_px:
             return
         share = min(seconds / MEMORY_S, 1.0)
-        if self._is_measured or self._is_capped:
-            factor = kernels.shared_factor(
-                reference.pixels,
-                reference.gradients,
-                alignment.matches,
-                alignment.residuals,
-                self._solver.weight,
-                self._solver.tuning,
-                alignment.sigma_px,
-                self._cell,
-                self._rows,
-                CELLS,
-            )
+        if self._asks_edges:
+            factor, wide = (self._edge_factor(reference, alignment, k) for k in (1, WIDE))
             if not math.isnan(factor):
-                self._sigma = alignment.sigma_px
-                self._factor = _mean_of_late(self._factor, factor, share)
+                self._sigma, self._count = alignment.sigma_px, alignment.match_count
+                each, each_wide = (factor - 1.0) / self._count, (wide - 1.0) / self._count
+                self._share = _mean_of_late(self._share, each, share)
+                self._wide_share = _mean_of_late(self._wide_share, each_wide, share)
         if seconds > MEMORY_S:
             self.interrupt()
-        elif self._is_capped and alignment.depth_balance > 0:
+        elif self._asks_depth and alignment.depth_balance > 0:
             factor = kernels.shared_depth_factor(
                 planes,
                 points,
@@ -130,8 +141,25 @@ class SharedErrors:
                 math.ceil(CELLS / WIDE),
             )
             if not math.isnan(factor):
-                self._depth_factor = _mean_of_late(self._depth_factor, factor, share)
+                self._depth_count = alignment.plane_points
+                each = (factor - 1.0) / self._depth_count
+                self._depth_share = _mean_of_late(self._depth_share, each, share)
                 self._seconds += seconds
+
+    def _edge_factor(self, reference: EdgePixels, alignment: Alignment, times: int) -> float:
+        """By what cells add to the variance that are so many times as wide as the usual ones."""
+        return kernels.shared_factor(
+            reference.pixels,
+            reference.gradients,
+            alignment.matches,
+            alignment.residuals,
+            self._solver.weight,
+            self._solver.tuning,
+            alignment.sigma_px,
+            times * self._cell,
+            math.ceil(self._rows / times),
+            math.ceil(CELLS / times),
+        )
 
     def term(self, term: DepthTerm, seconds: float = 0.0) -> DepthTerm:
         """Let depth count by what was measured.

@@ -41,6 +41,7 @@ VARIANTS = (
         "planes: at that whatever depth errs by together",
         ("planes.weight=1", "planes.depth_doubt_rule=none"),
     ),
+    Variant("planes: never finer", ("planes.weight=1", "planes.finer=none")),
     Variant("planes: edges not doubted", ("planes.weight=1", "planes.edge_doubt_px=0")),
     Variant(
         "planes: at full weight whatever the residuals", ("planes.weight=1", "planes.doubt=1e6")
@@ -49,10 +50,11 @@ VARIANTS = (
     Variant("depth: the pixel's own", ("edges.depth_window_px=1",)),
     Variant("depth: 3 x 3 window", ("edges.depth_window_px=3",)),
     Variant("depth: 7 x 7 window", ("edges.depth_window_px=7",)),
-    Variant("samples: 250", ("sampling.count=250",)),
-    Variant("samples: 450", ("sampling.count=450",)),
-    Variant("samples: 1000", ("sampling.count=1000",)),
-    Variant("samples: 1500", ("sampling.count=1500",)),
+    Variant("samples: 250", ("sampling.count=250", "sampling.max_growth=1")),
+    Variant("samples: 450", ("sampling.count=450", "sampling.max_growth=1")),
+    Variant("samples: 1000", ("sampling.count=1000", "sampling.max_growth=1")),
+    Variant("samples: 1500", ("sampling.count=1500", "sampling.max_growth=1")),
+    Variant("samples: 1500 and up to four times", ("sampling.count=1500", "sampling.max_growth=4")),
     Variant("samples: cells of 40 px", ("sampling.cell_px=40",)),
     Variant("samples: cells of 160 px", ("sampling.cell_px=160",)),
     Variant("samples: at random, no cells", ("sampling.per_cell=0",)),

@@ -28,6 +28,8 @@ CONFIG = Config().with_overrides(
         "edges.position=pixel",
         "planes.doubt=0.7",
         "planes.edge_doubt_px=0",
+        "planes.finer=none",
+        "sampling.max_growth=1",
         "registration.max_stretch=1",
     ]
 )

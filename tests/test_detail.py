@@ -1,0 +1,161 @@
+"""How closely a frame is looked at, by what the frames of late share."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from edvo.config import Config, PlanesConfig
+from edvo.detail import DEPTH_ENOUGH, EDGES_ENOUGH, usual_detail, worthwhile_detail
+from edvo.odometry import Odometry, Status
+from edvo.planes import PlaneFitter
+from edvo.sensor import DEPTH_NOISE
+from edvo.sharing import SharedErrors
+
+from . import problems
+from .test_sharing import SIGMA, cell_of, edges, found, shared_errors, wall
+
+NOISE = DEPTH_NOISE["kinect_v1"]
+COARSE, FINE = 16.0, 8.0
+
+
+class Told(SharedErrors):
+    """What is shared, as it is told."""
+
+    matches, edge_share, depth_share = 1500, math.nan, math.nan
+
+    def __init__(self, **told):
+        for name, value in told.items():
+            setattr(self, name, value)
+
+
+def detail(*overrides, **told):
+    config = Config().with_overrides(overrides)
+    return worthwhile_detail(config, problems.VGA, Told(**told))
+
+
+def test_the_usual_is_taken_where_nothing_is_known():
+    assert detail() == usual_detail(Config()) == (1500, False)
+    assert usual_detail(Config.preset("paper")) == (450, False)
+
+
+@pytest.mark.parametrize(
+    ("share", "samples"),
+    [
+        (-0.001, 6000),
+        (0.0, 6000),
+        (EDGES_ENOUGH / 6001, 6000),
+        (EDGES_ENOUGH / 3000.5, 3000),
+        (EDGES_ENOUGH / 1499, 1500),
+        (0.1, 1500),
+    ],
+)
+def test_samples_are_drawn_until_they_share_enough(share, samples):
+    assert detail(edge_share=share).samples == samples
+    assert detail("sampling.max_growth=1", edge_share=share).samples == 1500
+    assert detail("sampling.max_growth=2", edge_share=share).samples == min(samples, 3000)
+    assert detail("sampling.count=0", edge_share=share).samples == 0  # all there are
+
+
+def test_planes_are_fine_where_depth_errs_by_itself():
+    few = DEPTH_ENOUGH / 1200  # points, 16 px apart
+    assert detail(depth_share=0.9 * few).is_fine
+    assert not detail(depth_share=1.1 * few).is_fine
+    assert not detail("planes.finer=none", depth_share=0.0).is_fine
+    assert detail("planes.point_step_px=32", depth_share=3.9 * few).is_fine
+    assert not detail(depth_share=0.0, matches=700).is_fine  # of few edges, depth would be heard
+    assert detail(depth_share=0.0, matches=800).is_fine
+
+
+def noted(shared_px, shared_depth, **changes):
+    """What is measured where edges, and depth, share so much within their cells."""
+    reference, rng, errors = edges(spread=0.1), np.random.default_rng(1), shared_errors(**changes)
+    cells = cell_of(reference)
+    for k in range(12):
+        residuals = rng.normal(0, SIGMA, len(reference)) + rng.normal(0, shared_px, 192)[cells]
+        seen = replace(
+            found(residuals),
+            depth_balance=1.0,
+            sigma_depth=math.hypot(0.3, shared_depth),
+            plane_points=1200,
+        )
+        errors.note(reference, seen, 0.03, *wall(shared_depth, seed=k))
+    return errors
+
+
+def test_both_are_told_from_residuals():
+    config = Config()
+    alone = worthwhile_detail(config, problems.VGA, noted(0.0, 0.0))
+    assert alone == (6000, True)
+    together = worthwhile_detail(config, problems.VGA, noted(4 * SIGMA, 0.4))
+    assert together == (1500, False)
+    assert noted(SIGMA, 0.0).edge_share > noted(SIGMA / 4, 0.0).edge_share > 0.0001
+
+
+def test_it_is_measured_without_the_rules_of_balance():
+    rules = {"edge_doubt_rule": "fixed", "depth_doubt_rule": "none"}
+    errors = noted(0.0, 0.0, **rules)
+    assert worthwhile_detail(Config(), problems.VGA, errors) == (6000, True)
+    assert errors.most == math.inf
+    assert errors.px == PlanesConfig().edge_doubt_px
+    assert math.isnan(noted(0.0, 0.0, finer="none", **rules).depth_share)
+
+
+def test_fine_planes_are_freed_of_more_noise():
+    """Four times the pixels leave half the noise, of the direction and of the distance."""
+    camera = problems.VGA
+    rng = np.random.default_rng(0)
+    depth = np.full((480, 640), 2.0, np.float32)
+    noisy = (depth + rng.normal(0, 0.005, depth.shape)).astype(np.float32)
+    fitter = PlaneFitter(camera, PlanesConfig())
+    coarse, fine = (fitter.points(noisy, fine=each) for each in (False, True))
+    assert (coarse.step_px, fine.step_px) == (COARSE, FINE)
+    assert len(fine.sigma) == pytest.approx(4 * len(coarse.sigma), rel=0.05)
+    tilt, off = zip(
+        *((np.std(each.normals[:, :2]), np.std(each.X[:, 2])) for each in (coarse, fine)),
+        strict=True,
+    )
+    assert 0.4 < tilt[1] / tilt[0] < 0.7
+    assert 0.4 < off[1] / off[0] < 0.7
+    maps = [fitter.planes(noisy, fine=each) for each in (False, True)]
+    assert np.std(maps[1].normals[:, :2]) < 0.7 * np.std(maps[0].normals[:, :2])
+    assert maps[0].normals.shape == maps[1].normals.shape
+
+
+def run(*overrides, gap=None):
+    frames, truth = problems.sequence(30)
+    rng = np.random.default_rng(0)
+    noise = [rng.normal(0, 1, frame.depth.shape) for frame in frames]
+    frames = [
+        replace(f, depth=(f.depth + 0.2 * NOISE.sigma_z(f.depth) * n).astype(np.float32))
+        for f, n in zip(frames, noise, strict=True)
+    ]
+    odometry = Odometry(problems.CAMERA, Config().with_overrides(overrides))
+    results = []
+    for k, frame in enumerate(frames):
+        late = 0.0 if gap is None or k < gap else 0.5
+        results.append(odometry.track(replace(frame, timestamp=frame.timestamp + late)))
+    assert all(result.status is Status.TRACKED for result in results)
+    off = [problems.error(truth[k], each.T_world_cam)[0] for k, each in enumerate(results)]
+    on_planes = [each.alignment.plane_points for each in results[1:]]
+    key = odometry._keyframe  # is held against others by the usual
+    assert len(key.samples) < 3000
+    assert key.points.step_px == COARSE
+    return [each.samples for each in results], on_planes, off
+
+
+def test_a_run_takes_more_once_it_knows():
+    samples, on_planes, off = run()
+    assert samples[:2] == [1500, 1500]  # the first one that was registered says what edges share
+    assert min(samples[12:25]) > 2000
+    assert min(on_planes[12:]) > 2.5 * max(on_planes[:7])  # of depth that takes a while
+    plain, few, usual = run("sampling.max_growth=1", "planes.finer=none")
+    assert set(plain) == {1500}
+    assert max(few) < 1.2 * max(on_planes[:7])
+    assert np.mean(off[12:]) < 0.7 * np.mean(usual[12:])
+
+
+def test_after_a_gap_the_usual_is_taken():
+    samples, _, _ = run(gap=20)
+    assert samples[19] > samples[20] == 1500
