@@ -43,9 +43,9 @@ def test_the_usual_is_taken_where_nothing_is_known():
 @pytest.mark.parametrize(
     ("share", "samples"),
     [
-        (-0.001, 6000),
-        (0.0, 6000),
-        (EDGES_ENOUGH / 6001, 6000),
+        (-0.001, 4500),
+        (0.0, 4500),
+        (EDGES_ENOUGH / 4501, 4500),
         (EDGES_ENOUGH / 3000.5, 3000),
         (EDGES_ENOUGH / 1499, 1500),
         (0.1, 1500),
@@ -87,7 +87,7 @@ def noted(shared_px, shared_depth, **changes):
 def test_both_are_told_from_residuals():
     config = Config()
     alone = worthwhile_detail(config, problems.VGA, noted(0.0, 0.0))
-    assert alone == (6000, True)
+    assert alone == (4500, True)
     together = worthwhile_detail(config, problems.VGA, noted(4 * SIGMA, 0.4))
     assert together == (1500, False)
     assert noted(SIGMA, 0.0).edge_share > noted(SIGMA / 4, 0.0).edge_share > 0.0001
@@ -96,7 +96,7 @@ def test_both_are_told_from_residuals():
 def test_it_is_measured_without_the_rules_of_balance():
     rules = {"edge_doubt_rule": "fixed", "depth_doubt_rule": "none"}
     errors = noted(0.0, 0.0, **rules)
-    assert worthwhile_detail(Config(), problems.VGA, errors) == (6000, True)
+    assert worthwhile_detail(Config(), problems.VGA, errors) == (4500, True)
     assert errors.most == math.inf
     assert errors.px == PlanesConfig().edge_doubt_px
     assert math.isnan(noted(0.0, 0.0, finer="none", **rules).depth_share)

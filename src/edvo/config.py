@@ -102,7 +102,7 @@ class SamplingConfig(Section):
         "0 takes all edges",
     )
     max_growth: Annotated[float, Field(ge=1)] = Field(
-        default=4.0,
+        default=3.0,
         description="up to so many times N are drawn as far as edges err each by itself, frame "
         "after frame; 1: never more. Not in the paper",
     )

@@ -68,7 +68,7 @@ def worthwhile_detail(config: Config, camera: Camera, shared: SharedErrors) -> D
     if not math.isnan(together):
         growth = EDGES_ENOUGH / max(together, EDGES_ENOUGH / config.sampling.max_growth)
     points = camera.width * camera.height / config.planes.point_step_px**2
-    is_fine = (
+    is_fine = bool(
         config.planes.finer == "measured"
         and shared.matches >= EDGES_LEFT * count
         and shared.depth_share * points < DEPTH_ENOUGH

@@ -231,6 +231,7 @@ class Solver(NamedTuple):
     first_sigma: float  # px, its floor before the last stage
     coarse_samples: int  # while edges are looked up every k-th is taken, and so many at least
     coarse_points: np.int64  # and one point of depth in so many
+    first_points: np.int64  # of depth at least, in the first stage
     first_samples: int  # before the last stage every k-th is taken, and so many at least; 0: all
     min_matches: int
     max_iterations: int
@@ -2058,6 +2059,7 @@ def align(
             apart = solver.coarse_points
         elif stage < last_stage and solver.first_samples > 0:
             every = max(np.int64(n // solver.first_samples), ALL)
+            apart = max(np.int64(m // solver.first_points), ALL)
         taken, asked = (n + every - 1) // every, len(range(0, m, apart))
         for i in range(n):
             if i % every > 0:
@@ -2693,10 +2695,14 @@ def shared_depth_factor(
     cell: float,
     rows: int,
     cols: int,
+    stride: np.int64,
 ) -> float:
-    """As ``shared_factor`` for the distances of points to planes, by Tukey's weights."""
+    """As ``shared_factor`` for the distances of points to planes, by Tukey's weights.
+
+    Every ``stride``-th point is asked.
+    """
     matches = new_plane_matches(surface.sigma.size)
-    count = match_planes(planes, surface, camera, lagged(T, lag), term, matches)
+    count = match_planes(planes, surface, camera, lagged(T, lag), term, matches, stride)
     sums = np.zeros((rows * cols, 3))
     inverse, per_px = 1 / (sigma_d * sigma_d), 1 / cell
     squares, counted = 0.0, 0.0

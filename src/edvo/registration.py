@@ -27,6 +27,7 @@ EDGES_ALONE = DepthTerm(
 )
 NOTHING_NEAR = kernels.NearMap(np.empty(0, np.uint32), 0, 0, 0.0, 0.0, 1.0)
 COARSE_POINTS = np.int64(3)  # while edges are looked up one point of depth in so many is taken
+FIRST_POINTS = np.int64(900)  # of those that lie closely as many are taken at first
 STAGES = {
     "robust-then-normal": (kernels.ROBUST, kernels.NORMAL),
     "robust": (kernels.ROBUST, kernels.ROBUST),
@@ -208,6 +209,7 @@ class Registration:
             first_sigma=registration.first_sigma_px,
             coarse_samples=registration.coarse_samples,
             coarse_points=COARSE_POINTS,
+            first_points=FIRST_POINTS,
             first_samples=registration.first_samples,
             min_matches=registration.min_matches,
             max_iterations=registration.max_iterations,

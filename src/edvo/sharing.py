@@ -9,6 +9,8 @@ wider; where much of it is shared, depth gets less than that.
 
 import math
 
+import numpy as np
+
 from edvo import kernels
 from edvo.camera import Camera
 from edvo.config import Config
@@ -39,6 +41,7 @@ class SharedErrors:
         self._cell = camera.width / CELLS
         self._rows = math.ceil(camera.height / self._cell)
         self._camera = camera_of(camera)
+        self._step_px = config.planes.point_step_px
         planes, sampling = config.planes, config.sampling
         self._most = planes.edge_doubt_px
         self._is_measured = planes.edge_doubt_rule == "measured" and planes.weight > 0
@@ -128,6 +131,8 @@ class SharedErrors:
         if seconds > MEMORY_S:
             self.interrupt()
         elif self._asks_depth and alignment.depth_balance > 0:
+            # Of points that lie closely windows overlap: as many as usual are told apart.
+            every = np.int64(max(round((self._step_px / points.step_px) ** 2), 1))
             factor = kernels.shared_depth_factor(
                 planes,
                 points,
@@ -139,10 +144,11 @@ class SharedErrors:
                 WIDE * self._cell,
                 math.ceil(self._rows / WIDE),
                 math.ceil(CELLS / WIDE),
+                every,
             )
             if not math.isnan(factor):
                 self._depth_count = alignment.plane_points
-                each = (factor - 1.0) / self._depth_count
+                each = (factor - 1.0) * every / self._depth_count
                 self._depth_share = _mean_of_late(self._depth_share, each, share)
                 self._seconds += seconds
 

@@ -24,7 +24,7 @@ LEAST_FIT = 0.6  # of the samples, in place and turned alike
 LARGEST = 16.8  # squared difference to what is known, over its covariance: 99 % of them by chance
 JUMP_M, JUMP_RAD = 0.02, 0.02  # more at once would look as if something moved: not believed
 STEPS = 2  # Gauss-Newton; poses are millimetres off
-STRIDE = 2  # one sample in so many: a keyframe must not cost a hitch
+STRIDE, MOST = 2, 750  # one sample in so many, and so few: a keyframe must not cost a hitch
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,8 +145,9 @@ class KeyframeWindow:
     def _register(self, i: int, seen: Seen, term: DepthTerm) -> Link | None:
         """Register the new one with an earlier one, if they show the same for the most part."""
         key, points = self._keyframes[i], seen.points
-        samples = seen.samples.every(STRIDE)
-        term = term._replace(weight=term.weight / STRIDE)  # of all points, beside these edges
+        stride = max(len(seen.samples) // MOST, STRIDE)
+        samples = seen.samples.every(stride)
+        term = term._replace(weight=term.weight / stride)  # of all points, beside these edges
         start = self._between(i, -1)[None]
         found = self._registration.align(key.edges, samples, start, key.planes, points, term)
         if not found.converged or found.agreeing < LEAST_FIT * len(samples):

@@ -54,7 +54,7 @@ VARIANTS = (
     Variant("samples: 450", ("sampling.count=450", "sampling.max_growth=1")),
     Variant("samples: 1000", ("sampling.count=1000", "sampling.max_growth=1")),
     Variant("samples: 1500", ("sampling.count=1500", "sampling.max_growth=1")),
-    Variant("samples: 1500 and up to four times", ("sampling.count=1500", "sampling.max_growth=4")),
+    Variant("samples: 1500 and up to 4500", ("sampling.count=1500", "sampling.max_growth=3")),
     Variant("samples: cells of 40 px", ("sampling.cell_px=40",)),
     Variant("samples: cells of 160 px", ("sampling.cell_px=160",)),
     Variant("samples: at random, no cells", ("sampling.per_cell=0",)),
