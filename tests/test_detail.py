@@ -6,10 +6,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from edvo.config import Config, PlanesConfig
+from edvo.config import (
+    Config,
+    EdgesConfig,
+    MatchingConfig,
+    PlanesConfig,
+    RegistrationConfig,
+    SamplingConfig,
+)
 from edvo.detail import DEPTH_ENOUGH, EDGES_ENOUGH, usual_detail, worthwhile_detail
+from edvo.edges import EdgeBuffers, extract_edges
 from edvo.odometry import Odometry, Status
-from edvo.planes import PlaneFitter
+from edvo.planes import PlaneFitter, thinned
+from edvo.registration import FIRST_POINTS, Registration
+from edvo.sampling import sample_edges
 from edvo.sensor import DEPTH_NOISE
 from edvo.sharing import SharedErrors
 
@@ -121,6 +131,38 @@ def test_fine_planes_are_freed_of_more_noise():
     maps = [fitter.planes(noisy, fine=each) for each in (False, True)]
     assert np.std(maps[1].normals[:, :2]) < 0.7 * np.std(maps[0].normals[:, :2])
     assert maps[0].normals.shape == maps[1].normals.shape
+
+
+def test_fine_points_are_thinned_to_the_usual():
+    depth = np.full((480, 640), 2.0, np.float32)
+    fine = PlaneFitter(problems.VGA, PlanesConfig()).points(depth, fine=True)
+    few = thinned(fine)
+    assert few.step_px == COARSE
+    for all_of_it, some in zip(fine[:3], few[:3], strict=True):
+        np.testing.assert_array_equal(some, all_of_it[::4])
+
+
+def test_a_registration_begins_with_the_usual_points():
+    """They lead to where all of them do, which count in the end."""
+    frames, _ = problems.sequence(30)
+    registration = Registration(problems.CAMERA, MatchingConfig(), RegistrationConfig())
+    fitter = PlaneFitter(problems.CAMERA, PlanesConfig(point_step_px=4, stride_px=2))
+    edges = [extract_edges(f.grey, EdgesConfig(), EdgeBuffers(240, 320)) for f in frames[:2]]
+    reference = registration.index(edges[0].describe(problems.CAMERA))
+    samples = sample_edges(
+        edges[1], frames[1].depth, problems.CAMERA, SamplingConfig(), EdgesConfig(), 0
+    )
+    planes, points = fitter.planes(frames[0].depth), fitter.points(frames[1].depth)
+    assert len(points.sigma) > 2 * FIRST_POINTS
+    found = []
+    for first in (FIRST_POINTS, len(points.sigma)):
+        registration._solver = registration.solver._replace(first_points=np.int64(first))
+        found.append(
+            registration.align(reference, samples, np.eye(4)[None], planes, points, fitter.term)
+        )
+    assert found[0].plane_points > 2 * FIRST_POINTS
+    assert problems.error(*(each.T_ref_cur for each in found))[0] < 1e-4
+    assert found[0].depth_balance == pytest.approx(found[1].depth_balance, rel=0.02)
 
 
 def run(*overrides, gap=None):

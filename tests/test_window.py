@@ -28,8 +28,9 @@ class Given:
         )
         self.asked = []
 
-    def align(self, edges, samples, starts, *_):
+    def align(self, edges, samples, starts, planes, points, term):
         self.asked.append(edges)
+        self.given = len(samples), term.weight
         T = se3.inverse(edges.T_world_key) @ self.T_world_cam
         return SimpleNamespace(converged=self.converged, agreeing=self.agreeing, T_ref_cur=T)
 
@@ -47,7 +48,14 @@ def at(x, y=0.0, z=0.0):
 
 
 TERM = EDGES_ALONE._replace(weight=1.0)
-SEEN = SimpleNamespace(samples=SimpleNamespace(every=lambda n: range(100)), points=None)
+
+
+class Samples(list):
+    def every(self, stride):
+        return self[::stride]
+
+
+SEEN = SimpleNamespace(samples=Samples(range(200)), points=None)
 
 
 class Walk:
@@ -59,9 +67,9 @@ class Walk:
         )
         self.last = keyframe(0, np.eye(4))
 
-    def go(self, T_last_cur, scale=1.0):
+    def go(self, T_last_cur, scale=1.0, seen=SEEN):
         C = scale * SIGMA**2 * np.eye(6)
-        T = self.window.place(self.last, SEEN, T_last_cur, C, TERM)
+        T = self.window.place(self.last, seen, T_last_cur, C, TERM)
         self.last = keyframe(self.last.index + 1, T)
         self.window.take(self.last)
         return T
@@ -70,6 +78,16 @@ class Walk:
 def test_the_first_ones_are_where_they_were_registered():
     walk = Walk(Given(np.eye(4)))
     np.testing.assert_array_equal(walk.go(at(0.1)), at(0.1))
+
+
+@pytest.mark.parametrize(("samples", "stride"), [(200, 2), (1500, 2), (4500, 6)])
+def test_a_second_registration_takes_no_more_samples_than_are_quick(samples, stride):
+    """Depth counts less beside them by as much."""
+    given = Given(at(0.2))
+    walk = Walk(given)
+    for _ in range(2):
+        walk.go(at(0.1), seen=SimpleNamespace(samples=Samples(range(samples)), points=None))
+    assert given.given == (samples // stride, 1 / stride)
 
 
 @pytest.mark.parametrize(("scale", "share"), [(1.0, 2 / 3), (2.0, 1 / 2), (8.0, 1 / 5)])
