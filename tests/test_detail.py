@@ -162,7 +162,7 @@ def test_a_registration_begins_with_the_usual_points():
         )
     assert found[0].plane_points > 2 * FIRST_POINTS
     assert problems.error(*(each.T_ref_cur for each in found))[0] < 1e-4
-    assert found[0].depth_balance == pytest.approx(found[1].depth_balance, rel=0.02)
+    assert found[0].depth_balance == pytest.approx(found[1].depth_balance, rel=0.1)
 
 
 def run(*overrides, gap=None):
