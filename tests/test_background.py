@@ -68,7 +68,7 @@ def test_where_a_third_of_the_view_moves_the_rest_is_followed(small_hall: Synthe
     assert away[2] > 0.03  # the pose goes along before it is noticed, and comes back
     assert away[6:].max() < 0.01
     assert set(statuses[6:]) == {Status.DEGRADED}
-    assert errors(small_hall, indices, *FOLLOW)[0][6:].max() > 0.02
+    assert errors(small_hall, indices, *FOLLOW)[0][6:].max() > 0.03
 
 
 def test_where_walls_are_out_of_reach_their_edges_hold_the_pose() -> None:
@@ -86,11 +86,8 @@ def others() -> SyntheticSource:
 def test_where_people_fit_no_longer_the_hall_is_found_in_the_frame(others: SyntheticSource) -> None:
     away, statuses = errors(others, range(14))
     assert away[7] > 0.1  # gone along with them
-    assert Status.TRACKED not in statuses[8:]
-    assert (
-        away[11:].max() < 0.1
-    )  # soon, by what is drawn: at once by one seed, in the fourth by another
-    assert set(statuses[11:]) == {Status.DEGRADED}
+    assert away[8:].max() < 0.06
+    assert set(statuses[8:]) == {Status.DEGRADED}
     _, statuses = errors(others, range(14), *FOLLOW)
     assert set(statuses[8:]) == {Status.LOST}
 
