@@ -17,8 +17,8 @@ from edvo.config import (
 from edvo.detail import DEPTH_ENOUGH, EDGES_ENOUGH, usual_detail, worthwhile_detail
 from edvo.edges import EdgeBuffers, extract_edges
 from edvo.odometry import Odometry, Status
-from edvo.planes import PlaneFitter, thinned
-from edvo.registration import FIRST_POINTS, Registration
+from edvo.planes import PlaneFitter, PlanePoints, thinned
+from edvo.registration import Registration
 from edvo.sampling import sample_edges
 from edvo.sensor import DEPTH_NOISE
 from edvo.sharing import SharedErrors
@@ -50,6 +50,11 @@ def test_the_usual_is_taken_where_nothing_is_known():
     assert usual_detail(Config.preset("paper")) == (450, False)
 
 
+def fine_after_fine(depth_share):
+    told = Told(depth_share=depth_share)
+    return worthwhile_detail(Config(), problems.VGA, told, was_fine=True).is_fine
+
+
 @pytest.mark.parametrize(
     ("share", "samples"),
     [
@@ -74,8 +79,11 @@ def test_planes_are_fine_where_depth_errs_by_itself():
     assert not detail(depth_share=1.1 * few).is_fine
     assert not detail("planes.finer=none", depth_share=0.0).is_fine
     assert detail("planes.point_step_px=32", depth_share=3.9 * few).is_fine
-    assert not detail(depth_share=0.0, matches=700).is_fine  # of few edges, depth would be heard
+    assert not detail(depth_share=0.0, matches=700).is_fine  # of few edges, depth alone is heard
+    assert not detail("sampling.count=0", depth_share=0.0, matches=700).is_fine
     assert detail(depth_share=0.0, matches=800).is_fine
+    assert fine_after_fine(1.4 * few)  # so that it does not go to and fro
+    assert not fine_after_fine(1.6 * few)
 
 
 def noted(shared_px, shared_depth, **changes):
@@ -101,6 +109,39 @@ def test_both_are_told_from_residuals():
     together = worthwhile_detail(config, problems.VGA, noted(4 * SIGMA, 0.4))
     assert together == (1500, False)
     assert noted(SIGMA, 0.0).edge_share > noted(SIGMA / 4, 0.0).edge_share > 0.0001
+
+
+def test_few_matches_are_noticed_at_once():
+    """So few that they tell nothing of what they share."""
+    errors = noted(0.0, 0.0)
+    assert worthwhile_detail(Config(), problems.VGA, errors).is_fine
+    errors.note(edges(), found(np.zeros(100)), 0.03)
+    assert errors.matches == 100
+    assert not worthwhile_detail(Config(), problems.VGA, errors).is_fine
+
+
+def test_of_fine_points_as_many_tell_what_they_share():
+    reference, rng, errors = edges(), np.random.default_rng(1), shared_errors()
+    for k in range(12):
+        planes, points, term = wall(0.4, seed=k)
+        four = PlanePoints(*(np.repeat(part, 4, axis=0) for part in points[:3]), FINE)
+        seen = replace(
+            found(rng.normal(0, SIGMA, len(reference))),
+            depth_balance=1.0,
+            sigma_depth=0.5,
+            plane_points=4800,
+        )
+        errors.note(reference, seen, 0.03, planes, four, term)
+    once = noted(0.0, 0.4).depth_share
+    assert errors.depth_share == pytest.approx(once, rel=0.2)
+
+
+def test_odd_steps_are_kept():
+    depth = np.full((480, 640), 2.0, np.float32)
+    fitter = PlaneFitter(problems.VGA, PlanesConfig(point_step_px=15, stride_px=1))
+    usual, fine = (fitter.points(depth, fine=each) for each in (False, True))
+    assert len(usual.sigma) == len(fine.sigma)
+    assert thinned(fine, 15.0) is fine
 
 
 def test_it_is_measured_without_the_rules_of_balance():
@@ -136,8 +177,9 @@ def test_fine_planes_are_freed_of_more_noise():
 def test_fine_points_are_thinned_to_the_usual():
     depth = np.full((480, 640), 2.0, np.float32)
     fine = PlaneFitter(problems.VGA, PlanesConfig()).points(depth, fine=True)
-    few = thinned(fine)
+    few = thinned(fine, COARSE)
     assert few.step_px == COARSE
+    assert thinned(few, COARSE) is few
     for all_of_it, some in zip(fine[:3], few[:3], strict=True):
         np.testing.assert_array_equal(some, all_of_it[::4])
 
@@ -153,16 +195,24 @@ def test_a_registration_begins_with_the_usual_points():
         edges[1], frames[1].depth, problems.CAMERA, SamplingConfig(), EdgesConfig(), 0
     )
     planes, points = fitter.planes(frames[0].depth), fitter.points(frames[1].depth)
-    assert len(points.sigma) > 2 * FIRST_POINTS
+    usual = int(registration.solver.first_points)
+    assert len(points.sigma) > 2 * usual
     found = []
-    for first in (FIRST_POINTS, len(points.sigma)):
+    for first in (usual, len(points.sigma)):
         registration._solver = registration.solver._replace(first_points=np.int64(first))
         found.append(
             registration.align(reference, samples, np.eye(4)[None], planes, points, fitter.term)
         )
-    assert found[0].plane_points > 2 * FIRST_POINTS
+    assert found[0].plane_points > 2 * usual
     assert problems.error(*(each.T_ref_cur for each in found))[0] < 1e-4
     assert found[0].depth_balance == pytest.approx(found[1].depth_balance, rel=0.1)
+    assert found[0].history[0, 4] != found[1].history[0, 4]  # the first step is another one
+    few = RegistrationConfig(max_iterations=2)  # which the first stage uses up
+    short = Registration(problems.CAMERA, MatchingConfig(), few).align(
+        reference, samples, np.eye(4)[None], planes, points, fitter.term
+    )
+    assert short.steps()[-1].robust
+    assert short.plane_points > 0.9 * found[0].plane_points
 
 
 def run(*overrides, gap=None):
@@ -182,7 +232,7 @@ def run(*overrides, gap=None):
     off = [problems.error(truth[k], each.T_world_cam)[0] for k, each in enumerate(results)]
     on_planes = [each.alignment.plane_points for each in results[1:]]
     key = odometry._keyframe  # is held against others by the usual
-    assert len(key.samples) < 3000
+    assert 700 < len(key.samples) <= 1500
     assert key.points.step_px == COARSE
     return [each.samples for each in results], on_planes, off
 

@@ -18,7 +18,7 @@ from edvo.camera import Camera
 from edvo.config import EdgesConfig, MatchingConfig, RegistrationConfig
 from edvo.edges import EdgePixels, extract_edges
 from edvo.matching import Criterion, EdgeIndex
-from edvo.registration import COARSE_POINTS, FIRST_POINTS, NOTHING_NEAR, Registration
+from edvo.registration import COARSE_POINTS, NOTHING_NEAR, Registration
 
 from . import problems, twins
 
@@ -309,7 +309,7 @@ def solver(config=None, **changes):
         "first_sigma": config.first_sigma_px,
         "coarse_samples": config.coarse_samples,
         "coarse_points": COARSE_POINTS,
-        "first_points": FIRST_POINTS,
+        "first_points": np.int64(900),
         "first_samples": config.first_samples,
         "min_matches": config.min_matches,
         "max_iterations": config.max_iterations,

@@ -101,7 +101,7 @@ class SamplingConfig(Section):
         description="N; the paper finds 400 to 500 reasonable (Fig. 6), its preset takes 450; "
         "0 takes all edges",
     )
-    max_growth: Annotated[float, Field(ge=1)] = Field(
+    max_growth: Annotated[float, Field(ge=1, allow_inf_nan=False)] = Field(
         default=3.0,
         description="up to so many times N are drawn as far as edges err each by itself, frame "
         "after frame; 1: never more. Not in the paper",

@@ -10,13 +10,17 @@ from typing import NamedTuple
 
 from edvo.camera import Camera
 from edvo.config import Config
+from edvo.planes import FINER
 from edvo.sharing import SharedErrors
 
 # Once what is shared is so many times what each errs by alone, more of them tell little:
 EDGES_ENOUGH = 6.0  # of the samples,
-DEPTH_ENOUGH = 3.0  # of the usual points of depth, if they were all over the image
+DEPTH_ENOUGH = 3.0  # of the usual points of depth, if they were all over the image,
+STAY = (
+    1.5  # times that where they are fine already: what is measured of these is not quite the same
+)
 # Planes say nothing along themselves: where few edges are left, those alone do, and have to count.
-EDGES_LEFT = 0.5  # of the usual samples in their places
+EDGES_A_POINT = 0.16  # matched, for each fine point that an image has room for
 
 
 class Detail(NamedTuple):
@@ -27,7 +31,7 @@ class Detail(NamedTuple):
     samples : int
         Edges that are drawn at most; 0 for all.
     is_fine : bool
-        Whether planes and points lie closely; see `PlaneFitter`.
+        Whether points lie closely, and planes are fitted to more pixels; see `PlaneFitter`.
     """
 
     samples: int
@@ -48,7 +52,9 @@ def usual_detail(config: Config) -> Detail:
     return Detail(config.sampling.count, is_fine=False)
 
 
-def worthwhile_detail(config: Config, camera: Camera, shared: SharedErrors) -> Detail:
+def worthwhile_detail(
+    config: Config, camera: Camera, shared: SharedErrors, *, was_fine: bool = False
+) -> Detail:
     """Choose how much is worth taking, by what the frames of late share.
 
     Parameters
@@ -58,6 +64,8 @@ def worthwhile_detail(config: Config, camera: Camera, shared: SharedErrors) -> D
         fine.
     camera : Camera
     shared : SharedErrors
+    was_fine : bool, optional
+        Of the last frame.
 
     Returns
     -------
@@ -70,7 +78,7 @@ def worthwhile_detail(config: Config, camera: Camera, shared: SharedErrors) -> D
     points = camera.width * camera.height / config.planes.point_step_px**2
     is_fine = bool(
         config.planes.finer == "measured"
-        and shared.matches >= EDGES_LEFT * count
-        and shared.depth_share * points < DEPTH_ENOUGH
+        and shared.matches >= EDGES_A_POINT * FINER**2 * points
+        and shared.depth_share * points < (STAY if was_fine else 1.0) * DEPTH_ENOUGH
     )
     return Detail(int(count * max(growth, 1.0)), is_fine)

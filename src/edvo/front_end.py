@@ -1,5 +1,7 @@
 """What is made of an image before its pose is known, and of that a keyframe."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -127,8 +129,8 @@ class FrontEnd:
             T_world_key=rigid(T_world_key),
             edges=self._registration.index(edges),
             planes=self._fitter.planes(seen.frame.depth, seen.T_cam_depth, fine=seen.is_fine),
-            samples=seen.samples.every(max(len(seen.samples) // max(usual, 1), 1)),
-            points=thinned(seen.points) if seen.is_fine else seen.points,
+            samples=seen.samples.every(max(math.ceil(len(seen.samples) / max(usual, 1)), 1)),
+            points=thinned(seen.points, self._config.planes.point_step_px),
             look=Look(edges, self._camera),
             chamfer=ChamferMap(edges, self._camera),
             timestamp=seen.frame.timestamp,

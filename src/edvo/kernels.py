@@ -2224,6 +2224,8 @@ def align(
                     matches,
                     residuals,
                 )
+            if apart > ALL and m > 0:
+                near_count = match_planes(planes, surface, camera, lagged(T, lag), term, near)
             break
     orthonormalize(T)
     for i in range(n):

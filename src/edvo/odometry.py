@@ -24,7 +24,7 @@ from edvo.instants import Instants
 from edvo.keyframes import Keyframe, KeyframeStore, is_due
 from edvo.last_good import LastGood
 from edvo.pieces import Pieces
-from edvo.planes import DepthTerm, PlaneFitter
+from edvo.planes import DepthTerm, PlaneFitter, thinned
 from edvo.registration import AT_ONCE, Alignment, Registration
 from edvo.search import STRIDE, Search, Seen, is_apart
 from edvo.sharing import SharedErrors
@@ -146,6 +146,7 @@ class Odometry:
         self._bare_depth = np.empty((0, 0), np.float32)  # of the last frame without edges
         self._freeze = Freeze()
         self._sight_found = False  # whether the last new image has got a pose
+        self._is_fine = False  # whether its depth was looked at closely
         self._judge = Judge(self.config)
         self._window = KeyframeWindow(self.config, self._registration, self._uncertainty)
         self._information = Information()
@@ -216,10 +217,15 @@ class Odometry:
         if self._freeze.repeats(frame):
             return self._hold(frame.timestamp)
         self._sight_found = False
-        detail = None  # the usual: places are told apart, and depth alone believed, by no more
-        if self._follows(frame.timestamp) and not self._blind and not self._pieces.here:
-            detail = worthwhile_detail(self.config, self.camera, self._shared)
+        # Else the usual: places are told apart, depth alone believed, and what moves told by no more.
+        detail, timestamp = None, frame.timestamp
+        sees = not self._blind and not self._pieces.here and not self._is_moving(timestamp)
+        if sees and self._follows(timestamp):
+            detail = worthwhile_detail(
+                self.config, self.camera, self._shared, was_fine=self._is_fine
+            )
         seen = self._front_end.see(frame, self._count, self._lead(frame), detail)
+        self._is_fine = seen.is_fine
         least = self.config.registration.min_matches
         if len(seen.samples) < least:
             few = f"{len(seen.samples)} edges with depth; {least} needed"
@@ -373,7 +379,8 @@ class Odometry:
             )
 
         by_depth, _ = self._depth_alone.align(key, seen.samples, seen.points, starts[0])
-        few = replace(seen, samples=seen.samples.every(STRIDE))
+        usual = thinned(seen.points, self.config.planes.point_step_px)
+        few = replace(seen, samples=seen.samples.every(STRIDE), points=usual)
         tried = [align(few, T) for T in (*starts, found.T_ref_cur, by_depth.T_ref_cur)]
         best = align(seen, max(tried, key=scatter.in_place).T_ref_cur)
         return best if scatter.is_sharper(best, found) else found

@@ -21,7 +21,7 @@ from edvo.sensor import DEPTH_NOISE
 __all__ = ["NO_PLANES", "NO_POINTS", "DepthTerm", "PlaneFitter", "PlaneMap", "PlanePoints"]
 
 NO_PLANES = PlaneMap(np.zeros((0, 3)), np.zeros(0), 0, 0, 1.0)
-NO_POINTS = PlanePoints(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), 0.0)
+NO_POINTS = PlanePoints(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), 1.0)
 
 FINER = 2  # times as many pixels and points a line, where a frame is looked at closely
 
@@ -49,7 +49,8 @@ class PlaneFitter:
         self._rows = (camera.height - 1) // config.map_step_px + 1
         self._cols = (camera.width - 1) // config.map_step_px + 1
         self._map_nodes = _nodes(camera, 0, config.map_step_px)
-        steps = config.point_step_px, max(config.point_step_px // FINER, 1)
+        step = config.point_step_px
+        steps = step, step // FINER if step % FINER == 0 else step
         self._point_nodes = [_nodes(camera, step // 2, step) for step in steps]
         self.term = DepthTerm(
             weight=config.weight,
@@ -112,7 +113,8 @@ class PlaneFitter:
             Maps points of the depth image to the camera at the instant of the grey image; taken to
             be the same where not given.
         fine : bool, optional
-            Whether there are four times as many, each fitted to four times as many pixels.
+            Whether there are four times as many, if their step is even, each fitted to four times
+            as many pixels.
 
         Returns
         -------
@@ -183,20 +185,40 @@ class PlaneFitter:
         return normals, offsets, centres, sigma
 
 
-def thinned(points: PlanePoints) -> PlanePoints:
+def thinned(points: PlanePoints, step_px: float) -> PlanePoints:
     """Leave as many of points that lie closely as there are usually.
 
     Parameters
     ----------
     points : PlanePoints
+    step_px : float
+        Of the usual ones.
 
     Returns
     -------
     PlanePoints
     """
-    every = slice(None, None, FINER**2)
-    X, normals, sigma = (np.ascontiguousarray(part[every]) for part in points[:3])
-    return PlanePoints(X, normals, sigma, points.step_px * FINER)
+    every = usual_among(points, step_px)
+    if every == 1:
+        return points
+    X, normals, sigma = (np.ascontiguousarray(part[::every]) for part in points[:3])
+    return PlanePoints(X, normals, sigma, step_px)
+
+
+def usual_among(points: PlanePoints, step_px: float) -> int:
+    """Say of how many points one is left that there would be usually.
+
+    Parameters
+    ----------
+    points : PlanePoints
+    step_px : float
+        Of the usual ones.
+
+    Returns
+    -------
+    int
+    """
+    return max(round((step_px / points.step_px) ** 2), 1)
 
 
 def move_points(points: PlanePoints, T: NDArray[np.float64]) -> PlanePoints:

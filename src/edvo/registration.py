@@ -27,7 +27,7 @@ EDGES_ALONE = DepthTerm(
 )
 NOTHING_NEAR = kernels.NearMap(np.empty(0, np.uint32), 0, 0, 0.0, 0.0, 1.0)
 COARSE_POINTS = np.int64(3)  # while edges are looked up one point of depth in so many is taken
-FIRST_POINTS = np.int64(900)  # of those that lie closely as many are taken at first
+FIRST_POINT_PX = 18.0  # of points that lie closely one to a square of that side is taken at first
 STAGES = {
     "robust-then-normal": (kernels.ROBUST, kernels.NORMAL),
     "robust": (kernels.ROBUST, kernels.ROBUST),
@@ -209,7 +209,7 @@ class Registration:
             first_sigma=registration.first_sigma_px,
             coarse_samples=registration.coarse_samples,
             coarse_points=COARSE_POINTS,
-            first_points=FIRST_POINTS,
+            first_points=np.int64(max(camera.width * camera.height / FIRST_POINT_PX**2, 1)),
             first_samples=registration.first_samples,
             min_matches=registration.min_matches,
             max_iterations=registration.max_iterations,

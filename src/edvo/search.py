@@ -16,7 +16,7 @@ from edvo.frame import Frame
 from edvo.keyframes import Keyframe, KeyframeStore
 from edvo.look import Look
 from edvo.matching import EdgeIndex
-from edvo.planes import DepthTerm, PlaneFitter, PlaneMap, PlanePoints
+from edvo.planes import DepthTerm, PlaneFitter, PlaneMap, PlanePoints, thinned
 from edvo.registration import FAILURES, Alignment, Registration
 from edvo.status import Judge, agreement
 
@@ -120,10 +120,11 @@ class Search:
             if not guesses:
                 return found  # a glance tells that it is nowhere else
         few = samples.every(STRIDE)
+        usual = thinned(points, self._config.planes.point_step_px)
         best, most = None, already
         for guess in guesses:
-            tried = self._register(key, few, points, guess.T_ref_cur)
-            agreed = agreement(tried, key.planes, points)
+            tried = self._register(key, few, usual, guess.T_ref_cur)
+            agreed = agreement(tried, key.planes, usual)
             if agreed > most:
                 best, most = tried.T_ref_cur, agreed
         if best is None and found is not None:

@@ -15,7 +15,15 @@ from edvo import kernels
 from edvo.camera import Camera
 from edvo.config import Config
 from edvo.edges import EdgePixels
-from edvo.planes import NO_PLANES, NO_POINTS, DepthTerm, PlaneMap, PlanePoints, camera_of
+from edvo.planes import (
+    NO_PLANES,
+    NO_POINTS,
+    DepthTerm,
+    PlaneMap,
+    PlanePoints,
+    camera_of,
+    usual_among,
+)
 from edvo.registration import EDGES_ALONE, Alignment
 from edvo.uncertainty import CELLS
 
@@ -32,7 +40,8 @@ class SharedErrors:
     camera : Camera
         Of the images.
     config : Config
-        Its ``planes.edge_doubt_px`` is the most that is believed.
+        Its ``planes.edge_doubt_px`` is the most that is believed of edges; what is measured at all
+        is what its rules ask for.
     solver : kernels.Solver
         Of the registration that the alignments come from.
     """
@@ -54,7 +63,7 @@ class SharedErrors:
     def forget(self) -> None:
         """Start anew, from the most that is believed."""
         self._share, self._count, self._sigma = math.nan, 0, 0.0
-        self._wide_share = math.nan
+        self._wide_share, self._matches = math.nan, 0
         self.interrupt()
 
     def interrupt(self) -> None:
@@ -78,8 +87,8 @@ class SharedErrors:
 
     @property
     def matches(self) -> int:
-        """How many samples the last frame had in their places."""
-        return self._count
+        """How many samples of the last frame had a match."""
+        return self._matches
 
     @property
     def edge_share(self) -> float:
@@ -118,21 +127,22 @@ class SharedErrors:
         term : DepthTerm, optional
             How they are compared.
         """
+        self._matches = alignment.match_count
         if not alignment.sigma_px:
             return
         share = min(seconds / MEMORY_S, 1.0)
         if self._asks_edges:
             factor, wide = (self._edge_factor(reference, alignment, k) for k in (1, WIDE))
             if not math.isnan(factor):
-                self._sigma, self._count = alignment.sigma_px, alignment.match_count
+                self._sigma, self._count = alignment.sigma_px, self._matches
                 each, each_wide = (factor - 1.0) / self._count, (wide - 1.0) / self._count
                 self._share = _mean_of_late(self._share, each, share)
                 self._wide_share = _mean_of_late(self._wide_share, each_wide, share)
         if seconds > MEMORY_S:
             self.interrupt()
         elif self._asks_depth and alignment.depth_balance > 0:
-            # Of points that lie closely windows overlap: as many as usual are told apart.
-            every = np.int64(max(round((self._step_px / points.step_px) ** 2), 1))
+            # Of points that lie closely windows overlap, and as many as usual tell enough.
+            every = np.int64(usual_among(points, self._step_px))
             factor = kernels.shared_depth_factor(
                 planes,
                 points,

@@ -6,6 +6,7 @@ too, and the poses of the last few keyframes are solved for together from all su
 each weighed by its covariance; the oldest stays where it is. Poses that were given stay.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -145,7 +146,7 @@ class KeyframeWindow:
     def _register(self, i: int, seen: Seen, term: DepthTerm) -> Link | None:
         """Register the new one with an earlier one, if they show the same for the most part."""
         key, points = self._keyframes[i], seen.points
-        stride = max(len(seen.samples) // MOST, STRIDE)
+        stride = max(math.ceil(len(seen.samples) / MOST), STRIDE)
         samples = seen.samples.every(stride)
         term = term._replace(weight=term.weight / stride)  # of all points, beside these edges
         start = self._between(i, -1)[None]
