@@ -329,7 +329,7 @@ def test_an_implausible_jump_is_not_believed(room):
 def test_found_again_back_at_the_keyframe(room):
     """Matches must be near here: from where it was lost, registration would not find home."""
     frames, truth = room
-    rules = ("matching.max_distance_px=4", "keyframes.rule=gap", "keyframes.gap_frames=1000")
+    rules = ("matching.max_distance_px=3", "keyframes.rule=gap", "keyframes.gap_frames=1000")
     rules += ("motion.search_deg=0",)
     odometry, results = track(frames, *rules)
     assert {result.status for result in results} == {Status.TRACKED}

@@ -16,9 +16,7 @@ from edvo.sharing import SharedErrors
 # Once what is shared is so many times what each errs by alone, more of them tell little:
 EDGES_ENOUGH = 6.0  # of the samples,
 DEPTH_ENOUGH = 3.0  # of the usual points of depth, if they were all over the image,
-STAY = (
-    1.5  # times that where they are fine already: what is measured of these is not quite the same
-)
+STAY = 1.5  # times that where they are fine already, of which a little more or less is measured
 # Planes say nothing along themselves: where few edges are left, those alone do, and have to count.
 EDGES_A_POINT = 0.16  # matched, for each fine point that an image has room for
 

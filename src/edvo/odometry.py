@@ -217,7 +217,7 @@ class Odometry:
         if self._freeze.repeats(frame):
             return self._hold(frame.timestamp)
         self._sight_found = False
-        # Else the usual: places are told apart, depth alone believed, and what moves told by no more.
+        # Else the usual: places are told apart, depth alone believed, and what moves told by that.
         detail, timestamp = None, frame.timestamp
         sees = not self._blind and not self._pieces.here and not self._is_moving(timestamp)
         if sees and self._follows(timestamp):

@@ -88,7 +88,7 @@ class Scatter:
         return int(np.count_nonzero(np.abs(alignment.residuals) <= TIGHT * self._usual_px))
 
     def is_sharper(self, alignment: Alignment, other: Alignment) -> bool:
-        """Whether a registration puts clearly more edges in their places, and depth no worse.
+        """Whether a registration puts edges in their places more clearly, and depth no worse.
 
         Light leaves two crowds of edges, and depth as it is; a shutter that rolls, or blur, widens
         the only crowd, and a stamp that is wrong moves depth, too. Where more are in their places
