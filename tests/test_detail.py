@@ -249,5 +249,6 @@ def test_a_run_takes_more_once_it_knows():
 
 
 def test_after_a_gap_the_usual_is_taken():
-    samples, _, _ = run(gap=20)
+    samples, on_planes, _ = run(gap=20)
     assert samples[19] > samples[20] == 1500
+    assert on_planes[18] > 2.5 * on_planes[19]

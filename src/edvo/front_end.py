@@ -123,13 +123,15 @@ class FrontEnd:
         Keyframe
         """
         edges = seen.edges.describe(self._camera) if edges is None else edges
-        usual = self._config.sampling.count or len(seen.samples)
+        samples, usual = seen.samples, self._config.sampling.count
+        if usual:
+            samples = samples.every(max(math.ceil(len(samples) / usual), 1))
         return Keyframe(
             index=index,
             T_world_key=rigid(T_world_key),
             edges=self._registration.index(edges),
             planes=self._fitter.planes(seen.frame.depth, seen.T_cam_depth, fine=seen.is_fine),
-            samples=seen.samples.every(max(math.ceil(len(seen.samples) / max(usual, 1)), 1)),
+            samples=samples,
             points=thinned(seen.points, self._config.planes.point_step_px),
             look=Look(edges, self._camera),
             chamfer=ChamferMap(edges, self._camera),

@@ -2697,14 +2697,10 @@ def shared_depth_factor(
     cell: float,
     rows: int,
     cols: int,
-    stride: np.int64,
 ) -> float:
-    """As ``shared_factor`` for the distances of points to planes, by Tukey's weights.
-
-    Every ``stride``-th point is asked.
-    """
+    """As ``shared_factor`` for the distances of points to planes, by Tukey's weights."""
     matches = new_plane_matches(surface.sigma.size)
-    count = match_planes(planes, surface, camera, lagged(T, lag), term, matches, stride)
+    count = match_planes(planes, surface, camera, lagged(T, lag), term, matches)
     sums = np.zeros((rows * cols, 3))
     inverse, per_px = 1 / (sigma_d * sigma_d), 1 / cell
     squares, counted = 0.0, 0.0

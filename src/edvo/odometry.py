@@ -14,7 +14,7 @@ from edvo.camera import Camera
 from edvo.clock import Clock, StageClock, no_clock
 from edvo.config import Config
 from edvo.depth_alone import DepthAlone
-from edvo.detail import worthwhile_detail
+from edvo.detail import Detail, usual_detail, worthwhile_detail
 from edvo.errors import FrameError, TrajectoryError
 from edvo.frame import Frame
 from edvo.freeze import FREEZE_S, Freeze, glimpse
@@ -217,13 +217,7 @@ class Odometry:
         if self._freeze.repeats(frame):
             return self._hold(frame.timestamp)
         self._sight_found = False
-        # Else the usual: places are told apart, depth alone believed, and what moves told by that.
-        detail, timestamp = None, frame.timestamp
-        sees = not self._blind and not self._pieces.here and not self._is_moving(timestamp)
-        if sees and self._follows(timestamp):
-            detail = worthwhile_detail(
-                self.config, self.camera, self._shared, was_fine=self._is_fine
-            )
+        detail = self._detail(frame.timestamp)
         seen = self._front_end.see(frame, self._count, self._lead(frame), detail)
         self._is_fine = seen.is_fine
         least = self.config.registration.min_matches
@@ -914,6 +908,13 @@ class Odometry:
         if self._last_time is None or timestamp - self._last_time < SHORTEST_PERIOD_S:
             return NOMINAL_PERIOD_S
         return timestamp - self._last_time
+
+    def _detail(self, timestamp: float) -> Detail:
+        """How much to take from a frame: the usual where places, or what moves, are told apart."""
+        sees = not self._blind and not self._pieces.here and not self._is_moving(timestamp)
+        if not sees or not self._follows(timestamp):
+            return usual_detail(self.config)
+        return worthwhile_detail(self.config, self.camera, self._shared, was_fine=self._is_fine)
 
     def _lead(self, frame: Frame) -> NDArray[np.float64] | None:
         """Where the camera was when the depth of the next frame was taken, as against its image."""

@@ -192,33 +192,18 @@ def thinned(points: PlanePoints, step_px: float) -> PlanePoints:
     ----------
     points : PlanePoints
     step_px : float
-        Of the usual ones.
+        Of the usual ones: each stands for a square of that side.
 
     Returns
     -------
     PlanePoints
+        The same object where they do not lie more closely than that.
     """
-    every = usual_among(points, step_px)
+    every = max(round((step_px / points.step_px) ** 2), 1)
     if every == 1:
         return points
     X, normals, sigma = (np.ascontiguousarray(part[::every]) for part in points[:3])
     return PlanePoints(X, normals, sigma, step_px)
-
-
-def usual_among(points: PlanePoints, step_px: float) -> int:
-    """Say of how many points one is left that there would be usually.
-
-    Parameters
-    ----------
-    points : PlanePoints
-    step_px : float
-        Of the usual ones.
-
-    Returns
-    -------
-    int
-    """
-    return max(round((step_px / points.step_px) ** 2), 1)
 
 
 def move_points(points: PlanePoints, T: NDArray[np.float64]) -> PlanePoints:

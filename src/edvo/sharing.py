@@ -9,8 +9,6 @@ wider; where much of it is shared, depth gets less than that.
 
 import math
 
-import numpy as np
-
 from edvo import kernels
 from edvo.camera import Camera
 from edvo.config import Config
@@ -22,7 +20,7 @@ from edvo.planes import (
     PlaneMap,
     PlanePoints,
     camera_of,
-    usual_among,
+    thinned,
 )
 from edvo.registration import EDGES_ALONE, Alignment
 from edvo.uncertainty import CELLS
@@ -141,11 +139,10 @@ class SharedErrors:
         if seconds > MEMORY_S:
             self.interrupt()
         elif self._asks_depth and alignment.depth_balance > 0:
-            # Of points that lie closely windows overlap, and as many as usual tell enough.
-            every = np.int64(usual_among(points, self._step_px))
+            few = thinned(points, self._step_px)  # as many as usual tell enough
             factor = kernels.shared_depth_factor(
                 planes,
-                points,
+                few,
                 self._camera,
                 alignment.T_ref_cur,
                 alignment.lag,
@@ -154,11 +151,11 @@ class SharedErrors:
                 WIDE * self._cell,
                 math.ceil(self._rows / WIDE),
                 math.ceil(CELLS / WIDE),
-                every,
             )
             if not math.isnan(factor):
                 self._depth_count = alignment.plane_points
-                each = (factor - 1.0) * every / self._depth_count
+                asked = self._depth_count * (points.step_px / few.step_px) ** 2
+                each = (factor - 1.0) / asked
                 self._depth_share = _mean_of_late(self._depth_share, each, share)
                 self._seconds += seconds
 
@@ -184,7 +181,7 @@ class SharedErrors:
         ----------
         term : DepthTerm
         seconds : float, optional
-            Since then.
+            Since the frame that was noted last.
 
         Returns
         -------
