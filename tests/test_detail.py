@@ -14,7 +14,7 @@ from edvo.config import (
     RegistrationConfig,
     SamplingConfig,
 )
-from edvo.detail import DEPTH_ENOUGH, EDGES_ENOUGH, usual_detail, worthwhile_detail
+from edvo.detail import BLURRED_PX, DEPTH_ENOUGH, EDGES_ENOUGH, usual_detail, worthwhile_detail
 from edvo.edges import EdgeBuffers, extract_edges
 from edvo.odometry import Odometry, Status
 from edvo.planes import PlaneFitter, PlanePoints, thinned
@@ -33,7 +33,7 @@ COARSE, FINE = 16.0, 8.0
 class Told(SharedErrors):
     """What is shared, as it is told."""
 
-    matches, edge_share, depth_share = 1500, math.nan, math.nan
+    matches, edge_share, depth_share, scatter_px = 1500, math.nan, math.nan, 0.3
 
     def __init__(self, **told):
         for name, value in told.items():
@@ -73,6 +73,12 @@ def test_samples_are_drawn_until_they_share_enough(share, samples):
     assert detail("sampling.count=0", edge_share=share).samples == 0  # all there are
 
 
+@pytest.mark.parametrize("times", [1.0, 1.5])
+def test_no_more_are_drawn_of_edges_that_are_blurred(times):
+    assert detail(edge_share=0.0, scatter_px=times * BLURRED_PX).samples == 1500
+    assert detail(edge_share=0.0, scatter_px=0.99 * BLURRED_PX).samples == 4500
+
+
 def test_planes_are_fine_where_depth_errs_by_itself():
     few = DEPTH_ENOUGH / 1200  # points, 16 px apart
     assert detail(depth_share=0.9 * few).is_fine
@@ -109,6 +115,8 @@ def test_both_are_told_from_residuals():
     together = worthwhile_detail(config, problems.VGA, noted(4 * SIGMA, 0.4))
     assert together == (1500, False)
     assert noted(SIGMA, 0.0).edge_share > noted(SIGMA / 4, 0.0).edge_share > 0.0001
+    assert noted(0.0, 0.0).scatter_px == found(np.zeros(1500)).sigma_px > 0
+    assert shared_errors().scatter_px == 0
 
 
 def test_few_matches_are_noticed_at_once():

@@ -16,6 +16,7 @@ from edvo.sharing import SharedErrors
 # Once what is shared is so many times what each errs by alone, more of them tell little:
 EDGES_ENOUGH = 6.0  # of the samples,
 DEPTH_ENOUGH = 3.0  # of the usual points of depth, if they were all over the image,
+BLURRED_PX = 0.8  # edges that scatter so widely are smeared: of those more tell nothing new
 STAY = 1.5  # times that where they are fine already, of which a little more or less is measured
 # Planes say nothing along themselves: where few edges are left, those alone do, and have to count.
 EDGES_A_POINT = 0.16  # matched, for each fine point that an image has room for
@@ -71,7 +72,7 @@ def worthwhile_detail(
     """
     count, growth = config.sampling.count, 1.0
     together = shared.edge_share * count  # that the usual samples have, in times of their own
-    if not math.isnan(together):
+    if not math.isnan(together) and shared.scatter_px < BLURRED_PX:
         growth = EDGES_ENOUGH / max(together, EDGES_ENOUGH / config.sampling.max_growth)
     points = camera.width * camera.height / config.planes.point_step_px**2
     is_fine = bool(

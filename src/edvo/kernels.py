@@ -915,12 +915,15 @@ def delayed_depths(
         cu, cv = np.float64(u0), np.float64(v0)
         if table.size > 0:
             cu, cv = np.float64(table[v0, u0, 0]), np.float64(table[v0, u0, 1])
+        u, v, z = u0, v0, depths[k]
         for _ in range(2):
+            before_u, before_v = u, v
             du, dv, dz = shift_pixel(cu, cv, np.float64(depths[k]), camera, T_depth_cam)
             u, v = int(np.floor(u0 + du + 0.5)), int(np.floor(v0 + dv + 0.5))
-            if not (0 <= u < width and 0 <= v < height):
-                break
-            z = depth_at(depth, u, v, radius, gap)
+            if u != before_u or v != before_v:  # else the depth there is known
+                if not (0 <= u < width and 0 <= v < height):
+                    break
+                z = depth_at(depth, u, v, radius, gap)
             if not z - dz > MIN_DEPTH:
                 break
             depths[k] = z - dz

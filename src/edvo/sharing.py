@@ -89,6 +89,11 @@ class SharedErrors:
         return self._matches
 
     @property
+    def scatter_px(self) -> float:
+        """By how much the edges of the last frame scattered, pixels; 0 where that is not known."""
+        return self._sigma
+
+    @property
     def edge_share(self) -> float:
         """What each sample adds to the ratio of wide cells; NaN where that is not known."""
         return self._wide_share
