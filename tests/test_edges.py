@@ -36,7 +36,9 @@ def step(angle_deg, shape=(200, 200), low=50, high=180):
 
 
 @pytest.mark.parametrize("blur", [0, 3, 5, 9])
-@pytest.mark.parametrize(("low", "high"), [(20.0, 40.0), (50.0, 100.0), (150.0, 300.0)])
+@pytest.mark.parametrize(
+    ("low", "high"), [(20.0, 40.0), (50.9, 100.5), (150.0, 300.0), (100.0, 50.0)]
+)
 def test_canny_is_that_of_opencv_on_the_same_gradients(blur, low, high):
     grey = problems.drawn_image(np.random.default_rng(0))
     config = EdgesConfig(blur_px=blur, low=low, high=high, strong_share=0)
@@ -47,6 +49,48 @@ def test_canny_is_that_of_opencv_on_the_same_gradients(blur, low, high):
     np.testing.assert_array_equal(edges.index, np.flatnonzero(cv2.Canny(du, dv, low, high)))
     assert edges.index.dtype == np.int32
     assert len(edges) > 100
+
+
+def marked(du, dv, low, high):
+    """By the kernel and by OpenCV; memory that was used before."""
+    marks = np.full(du.shape, 77, np.uint8)
+    room = np.full(2 * du.size, -1, np.int32)
+    kernels.canny_edges(du, dv, np.int32(low), np.int32(high), marks, room)
+    return marks, cv2.Canny(du, dv, low, high)
+
+
+@pytest.mark.parametrize(
+    "shape", [(48, 64), (37, 53), (5, 7), (2, 9), (9, 2), (1, 8), (8, 1), (1, 1)]
+)
+@pytest.mark.parametrize("most", [3, 40, 1020])
+def test_edges_are_marked_as_opencv_does_for_any_gradients(shape, most):
+    """Few values, many ties; and edges up to the border."""
+    rng = np.random.default_rng(most)
+    for low, high in ((0, 0), (1, 4), (most / 2, most), (most, most), (most, 5 * most)):
+        for _ in range(6):
+            du, dv = rng.integers(-most, most + 1, (2, *shape), np.int16)
+            np.testing.assert_array_equal(*marked(du, dv, low, high))
+
+
+def test_edges_are_followed_as_far_as_they_go():
+    """One strong pixel at the end of a weak spiral."""
+    du = np.zeros((61, 61), np.int16)
+    dv = np.zeros_like(du)
+    reach, way, v, u = 58, 0, 1, 1
+    while reach > 4:
+        across, along = (dv, (0, 1)) if way % 2 == 0 else (du, (1, 0))
+        sign = -1 if way % 4 >= 2 else 1
+        for _ in range(reach):
+            across[v, u] = 20
+            v, u = v + sign * along[0], u + sign * along[1]
+        reach, way = reach - 4 if way % 2 else reach, way + 1
+    weak, expected = marked(du, dv, 10, 30)
+    assert not weak.any()
+    assert not expected.any()
+    du[v, u] = 50
+    strong, expected = marked(du, dv, 10, 30)
+    np.testing.assert_array_equal(strong, expected)
+    assert np.count_nonzero(strong) > 600
 
 
 def test_the_quantile_of_the_gradients_is_that_of_numpy():

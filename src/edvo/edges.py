@@ -149,6 +149,7 @@ class EdgeBuffers:
         self.du = np.empty((height, width), np.int16)
         self.dv = np.empty((height, width), np.int16)
         self.mask = np.empty((height, width), np.uint8)
+        self.room = np.empty(2 * height * width, np.int32)
 
 
 def extract_edges(
@@ -220,8 +221,8 @@ def canny(smooth: NDArray[np.uint8], config: EdgesConfig, buffers: EdgeBuffers) 
             buffers.du, buffers.dv, config.strong_share, QUANTILE_STEP_PX
         )
         scale = min(max(exceeded / config.high, config.least_scale), 1.0)
-    low, high = scale * config.low, scale * config.high
-    cv2.Canny(buffers.du, buffers.dv, low, high, edges=buffers.mask)
+    low, high = (np.int32(scale * bound) for bound in sorted((config.low, config.high)))
+    kernels.canny_edges(buffers.du, buffers.dv, low, high, buffers.mask, buffers.room)
 
 
 def sobel(smooth: NDArray[np.uint8], config: EdgesConfig, buffers: EdgeBuffers) -> None:

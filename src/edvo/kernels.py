@@ -31,6 +31,10 @@ WIDE_REACH = 5.0  # px; and where direction does, too: the nearest edge is then 
 MARGIN = 0.4  # px; how far a window looks past what it needs, so that its answer lasts longer
 MIN_DEPTH = 0.05  # m; what is nearer after the warp has no usable projection
 TAN_22_5 = np.sqrt(2.0) - 1.0  # half of the angle between four directions
+TAN_BITS = 15  # of the same behind the point, as OpenCV's Canny takes it; its int32 holds the rest
+TAN_22_5_FIXED = round(TAN_22_5 * 2**TAN_BITS)
+WEAK, STRONG = np.uint8(1), np.uint8(255)  # marks of edges: above the lower threshold, the upper
+ALL_WEAK = np.uint64(0x0101010101010101)  # eight marks at once
 PIVOT = 1e-12  # smallest Cholesky pivot, relative to the diagonal
 
 SIGNED, DISTANCE = 0, 1  # residual: Eq. (12), or Eq. (5)
@@ -271,6 +275,128 @@ def row_and_column(flat: np.int64, per_width: float, width: int) -> tuple[int, i
     """Tell where a flat index is. To divide by a whole number takes four times as long."""
     v = int((flat + 0.5) * per_width)
     return v, int(flat) - v * width
+
+
+@lean_float
+def sum_magnitudes(du: I16, dv: I16, strengths: I16) -> None:
+    """Write |du| + |dv| of a row, behind a first 0; a Sobel gradient leaves room for the sum."""
+    for u in range(du.size):
+        a, b = du[u], dv[u]
+        strengths[u + 1] = np.int16(max(a, np.int16(-a)) + max(b, np.int16(-b)))
+
+
+@lean_float
+def thin_row(
+    du: I16, dv: I16, above: I16, here: I16, below: I16, low: np.int32, high: np.int32, marks: U8
+) -> None:
+    """Mark the pixels of a row that are the strongest of three along their gradient.
+
+    Of a pixel as strong as its neighbour the one to the left, or above, is taken, and along a
+    diagonal neither. All pixels are worked out alike, without a branch, on vectors.
+    """
+    one, bits, tangent = np.int32(1), np.int32(TAN_BITS), np.int32(TAN_22_5_FIXED)
+    for u in range(marks.size):
+        gu, gv = np.int32(du[u]), np.int32(dv[u])
+        wide, high_up = np.int32(abs(gu)), np.int32(abs(gv) << bits)
+        turned = np.int32(wide * tangent)  # by 22.5 degrees; tan 67.5 is greater by 2
+        steeper = np.int32(turned + np.int32(wide << np.int32(bits + one)))
+        level, steep = high_up < turned, high_up > steeper
+        falls = np.int32(gu ^ gv) >= np.int32(0)
+        strength = np.int32(here[u + 1])
+        left, right = np.int32(here[u]), np.int32(here[u + 2])
+        over, under = np.int32(above[u + 1]), np.int32(below[u + 1])
+        over_left, under_right = np.int32(above[u]), np.int32(below[u + 2])
+        over_right, under_left = np.int32(above[u + 2]), np.int32(below[u])
+        before = over_left if falls else over_right
+        after = np.int32((under_right if falls else under_left) + one)
+        before, after = over if steep else before, under if steep else after
+        before, after = left if level else before, right if level else after
+        top = (strength > low) & (strength > before) & (strength >= after)
+        mark = STRONG if strength > high else WEAK
+        marks[u] = mark if top else np.uint8(0)
+
+
+@lean
+def list_weak(marks: U8, words: NDArray[np.uint64], weak: I32) -> int:
+    """Write where marks are weak; returns how many. ``words`` is a view of eight marks each."""
+    count = 0
+    for word in range(words.size):
+        eight = words[word]
+        if eight & ~(eight >> np.uint64(1)) & ALL_WEAK:  # a strong one has its second bit set, too
+            for i in range(word * 8, word * 8 + 8):
+                weak[count] = i
+                count += int(marks[i] == WEAK)
+    for i in range(words.size * 8, marks.size):
+        weak[count] = i
+        count += int(marks[i] == WEAK)
+    return count
+
+
+@lean
+def is_beside_strong(marks: U8, i: np.int64, per_width: float, height: int, width: int) -> bool:
+    """Whether one of the eight neighbours of a pixel is marked as strong."""
+    v, u = row_and_column(i, per_width, width)
+    if 0 < u < width - 1 and 0 < v < height - 1:
+        marked = marks[i - 1] | marks[i + 1]
+        for j in (i - width, i + width):
+            marked |= marks[j - 1] | marks[j] | marks[j + 1]
+        return bool(marked > WEAK)
+    for row in range(max(v - 1, 0), min(v + 2, height)):
+        for col in range(max(u - 1, 0), min(u + 2, width)):
+            if marks[row * width + col] == STRONG:
+                return True
+    return False
+
+
+@lean
+def strengthen_beside(
+    marks: U8, i: np.int64, per_width: float, height: int, width: int, stack: I32, top: np.int64
+) -> np.int64:
+    """Mark the weak neighbours of a pixel as strong, and put them on a stack; returns its top."""
+    v, u = row_and_column(i, per_width, width)
+    for row in range(max(v - 1, 0), min(v + 2, height)):
+        for col in range(max(u - 1, 0), min(u + 2, width)):
+            k = row * width + col
+            if marks[k] == WEAK:
+                marks[k] = STRONG
+                stack[top] = k
+                top += 1
+    return top
+
+
+@compiled
+def canny_edges(du: I16, dv: I16, low: np.int32, high: np.int32, marks: U8, room: I32) -> None:
+    """Mark edges as ``cv2.Canny`` does by the gradients and thresholds given, to the bit.
+
+    In a third to three quarters of its time: that one asks pixel by pixel, and starts from each
+    strong one; here all are thinned alike, and only weak ones ask for a strong one beside them.
+    ``marks`` becomes 255 on edges, else 0; ``room`` to work in is for two entries a pixel.
+    """
+    height, width = du.shape
+    rows = np.zeros((3, width + 2), np.int16)
+    sum_magnitudes(du[0], dv[0], rows[0])
+    for v in range(height):
+        below = rows[(v + 1) % 3]
+        if v + 1 < height:
+            sum_magnitudes(du[v + 1], dv[v + 1], below)
+        else:
+            below[:] = 0
+        thin_row(du[v], dv[v], rows[(v + 2) % 3], rows[v % 3], below, low, high, marks[v])
+    flat = marks.reshape(-1)
+    count = list_weak(flat, flat[: flat.size // 8 * 8].view(np.uint64), room)
+    per_width = 1 / width
+    for k in range(count):
+        i = np.int64(room[k])
+        if flat[i] == WEAK and is_beside_strong(flat, i, per_width, height, width):
+            flat[i] = STRONG
+            top = strengthen_beside(flat, i, per_width, height, width, room, np.int64(count))
+            while top > count:
+                top -= 1
+                i = np.int64(room[top])
+                top = strengthen_beside(flat, i, per_width, height, width, room, top)
+    for k in range(count):
+        if flat[room[k]] == WEAK:
+            flat[room[k]] = 0
 
 
 @compiled
