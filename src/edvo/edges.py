@@ -179,8 +179,7 @@ def extract_edges(
     # the two Sobel gradients in one pass, to the bit
     cv2.spatialGradient(smooth, buffers.du, buffers.dv)
     EXTRACTORS[config.extractor](smooth, config, buffers)
-    index = np.empty(cv2.countNonZero(buffers.mask), np.int32)
-    kernels.collect_edges(buffers.mask, index)
+    index = buffers.room[: kernels.collect_edges(buffers.mask, buffers.room)].copy()
     return EdgeImage(index, buffers.du, buffers.dv, config.position == "vertex")
 
 

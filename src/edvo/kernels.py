@@ -400,8 +400,11 @@ def canny_edges(du: I16, dv: I16, low: np.int32, high: np.int32, marks: U8, room
 
 
 @compiled
-def collect_edges(mask: NDArray[np.uint8], index: I32) -> int:
-    """Write the flat indices of the set pixels of a mask, in row order; returns how many."""
+def collect_edges(mask: U8, index: I32) -> int:
+    """Write the flat indices of the set pixels of a mask, in row order; returns how many.
+
+    ``index`` has room for one more than there are.
+    """
     flat = mask.reshape(-1)
     n_words = flat.size // 8
     words = flat[: n_words * 8].view(np.uint64)
@@ -409,13 +412,11 @@ def collect_edges(mask: NDArray[np.uint8], index: I32) -> int:
     for word in range(n_words):
         if words[word] != 0:  # most of an image is no edge: eight pixels at a time
             for i in range(word * 8, word * 8 + 8):
-                if flat[i] != 0:
-                    index[count] = i
-                    count += 1
+                index[count] = i  # to be overwritten, unless it counts: a branch costs more
+                count += int(flat[i] != 0)
     for i in range(n_words * 8, flat.size):
-        if flat[i] != 0:
-            index[count] = i
-            count += 1
+        index[count] = i
+        count += int(flat[i] != 0)
     return count
 
 
