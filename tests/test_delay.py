@@ -9,7 +9,7 @@ import pytest
 from edvo import kernels, se3
 from edvo.config import Config, EdgesConfig, PlanesConfig, SamplingConfig
 from edvo.delay import LARGEST_S, LEAST_SHARE, DepthDelay
-from edvo.edges import NO_TABLE, extract_edges
+from edvo.edges import NO_TABLE, depth_at_edges, extract_edges
 from edvo.evaluation import evaluate
 from edvo.frame import Frame
 from edvo.measuring import Moment
@@ -134,6 +134,29 @@ def test_looking_up_depth_of_another_instant_equals_its_numpy_twin(camera):
     expected = twins.delayed_depths(edges.index[which], depth, camera, T, 2, 0.05, given)
     np.testing.assert_allclose(found, expected, rtol=1e-5)
     assert (found != given).mean() > 0.9
+    for size in (1e-3, 1e-2, 0.1):  # some stay at the pixel that they were looked up at
+        T = se3.exp(size * se3.log(T_CAM_DEPTH))
+        depths_at_edges = depth_at_edges(depth, edges.index[which], EdgesConfig())
+        seen = np.flatnonzero(depths_at_edges > 0)
+        found = depths_at_edges[seen]
+        kernels.delayed_depths(edges.index, which[seen], depth, table, pinhole, T, 2, 0.05, found)
+        expected = twins.delayed_depths(
+            edges.index[which[seen]], depth, camera, T, 2, 0.05, depths_at_edges[seen]
+        )
+        np.testing.assert_allclose(found, expected, rtol=1e-6)
+
+
+def test_where_another_instant_shows_a_hole_the_depth_stays():
+    depth = np.full((CAMERA.height, CAMERA.width), 2.4, np.float32)
+    depth[:, 160:] = 0
+    index = np.arange(100, 150, dtype=np.int32) + 120 * CAMERA.width
+    found = np.full(50, 2.4, np.float32)
+    T = se3.exp(np.array([0.0, 0.0, -0.1, 0.0, 0.4, 0.0]))  # to the right, and to the front
+    kernels.delayed_depths(
+        index, np.arange(50, dtype=np.int32), depth, NO_TABLE, camera_of(CAMERA), T, 2, 0.05, found
+    )
+    assert (found > 2.0).all()
+    assert (found == np.float32(2.4)).any()
 
 
 def test_the_twist_of_a_motion_equals_its_numpy_twin():

@@ -679,7 +679,7 @@ def delayed_depths(index, depth, camera, T, radius, gap, given):
             if not (0 <= u < width and 0 <= v < height):
                 break
             z = kernels.depth_at(depth, u, v, radius, gap)
-            if not z - dz > kernels.MIN_DEPTH:
+            if z == 0 or not z - dz > kernels.MIN_DEPTH:
                 break
             found[k] = z - dz
     return found

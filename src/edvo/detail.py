@@ -1,8 +1,8 @@
 """How closely a frame is looked at: more of what errs each by itself is worth its time.
 
 Not in the paper. Noise of its own averages out over more samples; what they err by together stays
-(see `sharing`). Where little is shared more edges are drawn, and planes and their points are taken
-from more pixels.
+(see `sharing`). Where little is shared more edges are drawn, if they are sharp, and planes and
+their points are taken from more pixels.
 """
 
 import math
@@ -16,8 +16,8 @@ from edvo.sharing import SharedErrors
 # Once what is shared is so many times what each errs by alone, more of them tell little:
 EDGES_ENOUGH = 6.0  # of the samples,
 DEPTH_ENOUGH = 3.0  # of the usual points of depth, if they were all over the image,
-BLURRED_PX = 0.8  # edges that scatter so widely are smeared: of those more tell nothing new
 STAY = 1.5  # times that where they are fine already, of which a little more or less is measured
+BLURRED_PX = 0.8  # edges that scatter so widely are smeared: more of those tell nothing new
 # Planes say nothing along themselves: where few edges are left, those alone do, and have to count.
 EDGES_A_POINT = 0.16  # matched, for each fine point that an image has room for
 

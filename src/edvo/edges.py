@@ -17,6 +17,7 @@ from edvo.config import EdgesConfig
 
 DOG_RATIO = 1.6  # of the two Gaussians: nearest to the Laplacian of a Gaussian (Marr 1980)
 QUANTILE_STEP_PX = 4  # a sixteenth of the pixels tells the quantile of their gradients
+STRONGEST = 2**14  # more than |du| + |dv| of eight bits can be: a threshold that marks nothing
 NO_TABLE = np.empty((0, 0, 2), np.float32)
 NO_TABLE.setflags(write=False)  # as Camera.undistortion_table: else its kernel compiles twice
 
@@ -149,7 +150,7 @@ class EdgeBuffers:
         self.du = np.empty((height, width), np.int16)
         self.dv = np.empty((height, width), np.int16)
         self.mask = np.empty((height, width), np.uint8)
-        self.room = np.empty(2 * height * width, np.int32)
+        self.room = np.empty(2 * height * width, np.int32)  # for lists of pixels
 
 
 def extract_edges(
@@ -220,7 +221,8 @@ def canny(smooth: NDArray[np.uint8], config: EdgesConfig, buffers: EdgeBuffers) 
             buffers.du, buffers.dv, config.strong_share, QUANTILE_STEP_PX
         )
         scale = min(max(exceeded / config.high, config.least_scale), 1.0)
-    low, high = (np.int32(scale * bound) for bound in sorted((config.low, config.high)))
+    bounds = sorted((scale * config.low, scale * config.high))
+    low, high = (np.int32(min(bound, STRONGEST)) for bound in bounds)
     kernels.canny_edges(buffers.du, buffers.dv, low, high, buffers.mask, buffers.room)
 
 

@@ -308,7 +308,7 @@ def thin_row(
         over_left, under_right = np.int32(above[u]), np.int32(below[u + 2])
         over_right, under_left = np.int32(above[u + 2]), np.int32(below[u])
         before = over_left if falls else over_right
-        after = np.int32((under_right if falls else under_left) + one)
+        after = np.int32((under_right if falls else under_left) + one)  # as strong is too strong
         before, after = over if steep else before, under if steep else after
         before, after = left if level else before, right if level else after
         top = (strength > low) & (strength > before) & (strength >= after)
@@ -368,9 +368,10 @@ def strengthen_beside(
 def canny_edges(du: I16, dv: I16, low: np.int32, high: np.int32, marks: U8, room: I32) -> None:
     """Mark edges as ``cv2.Canny`` does by the gradients and thresholds given, to the bit.
 
-    In a third to three quarters of its time: that one asks pixel by pixel, and starts from each
-    strong one; here all are thinned alike, and only weak ones ask for a strong one beside them.
-    ``marks`` becomes 255 on edges, else 0; ``room`` to work in is for two entries a pixel.
+    In less time, above all where there are many: that one asks pixel by pixel, and starts from
+    each strong one; here all are thinned alike, and only weak ones ask for a strong one beside
+    them. Gradients are those of an image of eight bits: |du| + |dv| stays below 2^15. ``marks``
+    becomes 255 on edges, else 0; ``room`` to work in is for two entries a pixel.
     """
     height, width = du.shape
     rows = np.zeros((3, width + 2), np.int16)
@@ -388,7 +389,6 @@ def canny_edges(du: I16, dv: I16, low: np.int32, high: np.int32, marks: U8, room
     for k in range(count):
         i = np.int64(room[k])
         if flat[i] == WEAK and is_beside_strong(flat, i, per_width, height, width):
-            flat[i] = STRONG
             top = strengthen_beside(flat, i, per_width, height, width, room, np.int64(count))
             while top > count:
                 top -= 1
@@ -1032,8 +1032,9 @@ def delayed_depths(
 ) -> None:
     """Overwrite the depths (m) of edges by those that a depth image of another instant shows.
 
-    Looked up where the edge was at that instant, by the depth given, and once more by the one
-    found. Where none is found the one given stays.
+    The depths given are those of the same image at the edges themselves, by `depth_at`. Looked up
+    where the edge was at that instant, by the depth given, and once more by the one found. Where
+    none is found the last one stays.
     """
     height, width = depth.shape
     for k in range(which.size):
@@ -1051,7 +1052,7 @@ def delayed_depths(
                 if not (0 <= u < width and 0 <= v < height):
                     break
                 z = depth_at(depth, u, v, radius, gap)
-            if not z - dz > MIN_DEPTH:
+            if z == 0 or not z - dz > MIN_DEPTH:
                 break
             depths[k] = z - dz
 

@@ -90,7 +90,7 @@ class SharedErrors:
 
     @property
     def scatter_px(self) -> float:
-        """By how much the edges of the last frame scattered, pixels; 0 where that is not known."""
+        """By how much edges scattered, pixels, in the last frame that told; 0 where none did."""
         return self._sigma
 
     @property
