@@ -1,6 +1,7 @@
 """The tracker's compiled inner loops and that of registering depth to colour, and nothing else.
 
-Each public kernel has a plain NumPy twin in the module that uses it; a test holds the two equal.
+Each public kernel has a plain NumPy twin in the module that uses it or among the tests, and
+`canny_edges` that of OpenCV; a test holds the two equal.
 All of them live in this one module, since numba's cache does not see an edit in a callee of
 another file. None of them keeps state, and none holds the interpreter lock while it runs.
 
@@ -279,7 +280,7 @@ def row_and_column(flat: np.int64, per_width: float, width: int) -> tuple[int, i
 
 @lean_float
 def sum_magnitudes(du: I16, dv: I16, strengths: I16) -> None:
-    """Write |du| + |dv| of a row, behind a first 0; a Sobel gradient leaves room for the sum."""
+    """Write |du| + |dv| of a row behind the first place; Sobel leaves room for the sum."""
     for u in range(du.size):
         a, b = du[u], dv[u]
         strengths[u + 1] = np.int16(max(a, np.int16(-a)) + max(b, np.int16(-b)))
@@ -336,7 +337,7 @@ def list_weak(marks: U8, words: NDArray[np.uint64], weak: I32) -> int:
 def is_beside_strong(marks: U8, i: np.int64, per_width: float, height: int, width: int) -> bool:
     """Whether one of the eight neighbours of a pixel is marked as strong."""
     v, u = row_and_column(i, per_width, width)
-    if 0 < u < width - 1 and 0 < v < height - 1:
+    if 0 < u < width - 1 and 0 < v < height - 1:  # as most are: all at once, without a branch
         marked = marks[i - 1] | marks[i + 1]
         for j in (i - width, i + width):
             marked |= marks[j - 1] | marks[j] | marks[j + 1]
@@ -352,7 +353,7 @@ def is_beside_strong(marks: U8, i: np.int64, per_width: float, height: int, widt
 def strengthen_beside(
     marks: U8, i: np.int64, per_width: float, height: int, width: int, stack: I32, top: np.int64
 ) -> np.int64:
-    """Mark the weak neighbours of a pixel as strong, and put them on a stack; returns its top."""
+    """Mark a pixel and its neighbours, where weak, as strong, and stack them; returns the top."""
     v, u = row_and_column(i, per_width, width)
     for row in range(max(v - 1, 0), min(v + 2, height)):
         for col in range(max(u - 1, 0), min(u + 2, width)):
