@@ -189,6 +189,31 @@ def test_frames_are_left_alone(room):
     assert [(f.grey.tobytes(), f.depth.tobytes()) for f in frames[:4]] == before
 
 
+def test_a_frame_may_be_written_over_once_it_is_tracked(room):
+    frames, _ = room
+    _, wanted = track(frames, "keyframes.gap_frames=3", "keyframes.rule=gap")
+    odometry = make("keyframes.gap_frames=3", "keyframes.rule=gap")
+    grey, depth = np.empty_like(frames[0].grey), np.empty_like(frames[0].depth)
+    for frame, same in zip(frames, wanted, strict=True):
+        grey[:], depth[:] = frame.grey, frame.depth
+        result = odometry.track(Frame(frame.timestamp, grey, depth))
+        np.testing.assert_array_equal(result.T_world_cam, same.T_world_cam)
+        grey[:], depth[:] = 0, 9  # a keyframe is made of it when the next one is there
+    assert sum(result.is_keyframe for result in wanted) > 2
+
+
+@pytest.mark.parametrize("window", [1, 5])
+def test_a_keyframe_takes_its_time_from_the_next_frame(room, window):
+    frames, _ = room
+    odometry = make("keyframes.gap_frames=3", "keyframes.rule=gap", f"keyframes.window={window}")
+    for frame in frames[:6]:
+        odometry.track(frame)
+        assert odometry._keyframe.index == max((odometry._count - 2) // 3, 0) * 3
+    assert odometry.track(frames[6]).is_keyframe
+    assert odometry._keyframe.index == 3
+    assert odometry.skip(frames[7].timestamp, "gone").keyframe == 6  # it need not be a good one
+
+
 def test_stages_are_timed(room):
     frames, _ = room
     clock = StageClock()

@@ -3,6 +3,7 @@
 Arrays are kept as they are given, not copied: do not write into them afterwards.
 """
 
+import copy
 import functools
 import math
 from dataclasses import dataclass
@@ -135,6 +136,28 @@ class Frame:
         _check_same_size("colour", _array("colour", colour), _array("depth", depth))
         grey, metres = _to_grey(colour, order), _to_metres(depth, depth_scale)
         return cls(timestamp, grey, metres, depth_delay)
+
+
+def with_depth(frame: Frame, depth: NDArray[np.float32]) -> Frame:
+    """Copy the depth image of a frame to other memory, which is not looked through again.
+
+    Parameters
+    ----------
+    frame : Frame
+        Its grey image is shared.
+    depth : ndarray of float32, shape (H, W)
+        Written to.
+
+    Returns
+    -------
+    Frame
+    """
+    np.copyto(depth, frame.depth)
+    other = copy.copy(frame)
+    view = depth.view()
+    view.setflags(write=False)
+    object.__setattr__(other, "depth", view)
+    return other
 
 
 def register_depth(

@@ -1,6 +1,7 @@
 """What is made of an image before its pose is known, and of that a keyframe."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from edvo.clock import Clock
 from edvo.config import Config
 from edvo.detail import Detail, usual_detail
 from edvo.edges import EdgeBuffers, EdgePixels, extract_edges
-from edvo.frame import Frame
+from edvo.frame import Frame, with_depth
 from edvo.keyframes import Keyframe
 from edvo.look import Look
 from edvo.planes import PlaneFitter, thinned
@@ -49,6 +50,8 @@ class FrontEnd:
         self._camera, self._config, self._clock = camera, config, clock
         self._registration, self._fitter = registration, fitter
         self._buffers = EdgeBuffers(camera.height, camera.width)
+        # to keep a depth image in: new memory costs more than the copy
+        self._depth = np.empty((camera.height, camera.width), np.float32)
 
     def see(
         self,
@@ -95,6 +98,20 @@ class FrontEnd:
                 count,
             )
         return Seen(frame, edges, samples, points, T_cam_depth, fine)
+
+    def keep(self, seen: Seen) -> Seen:
+        """Copy the depth of what was seen, since its owner may write the next one to its memory.
+
+        Parameters
+        ----------
+        seen : Seen
+
+        Returns
+        -------
+        Seen
+            Its depth lasts until the next one is kept.
+        """
+        return replace(seen, frame=with_depth(seen.frame, self._depth))
 
     def keyframe(
         self,

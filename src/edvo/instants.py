@@ -70,7 +70,6 @@ class Instants:
         )
         self.depth = DepthDelay(camera, fitter, motion.depth_delay)
         self.rolling = RollingShutter(camera, registration.solver, motion.readout)
-        self._depth = np.empty((camera.height, camera.width), np.float32)
         self.forget()
 
     def forget(self) -> None:
@@ -186,7 +185,7 @@ class Instants:
         ----------
         keyframe : Keyframe
         seen : Seen
-            What it was made of, and
+            What it was made of, its depth kept, and
         edges : EdgePixels
             where its edges were seen.
         velocity : ndarray of float64, shape (6,), or None
@@ -195,14 +194,9 @@ class Instants:
         if not self._is_on:
             return
         rolled = np.zeros(6) if velocity is None else velocity * self.rolling.seconds / 2
-        # A copy, since whoever gave it may write the next one to the same memory, but to memory at
-        # hand: new one costs more than the copy.
-        np.copyto(self._depth, seen.frame.depth)
-        depth = self._depth.view()
-        depth.setflags(write=False)  # compiled code takes a writable array for another type
         self._held = _Held(
             keyframe,
-            depth,
+            seen.frame.depth,
             seen.frame.depth_delay,
             seen.edges.index,
             edges,

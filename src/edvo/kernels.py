@@ -1672,7 +1672,7 @@ def unroll_points(points: F64, T: F64, lag: Lag, moved: F64) -> None:
         moved[i, 2] = z + s * (c + p * y - q * x)
 
 
-@compiled
+@lean_float
 def unroll_pixels(
     pixels: F32,
     depths: F32,
@@ -1689,18 +1689,19 @@ def unroll_pixels(
     would come twice as near, or has no usable projection, stays.
     """
     a, b, c, p, q, r = velocity
+    per_fx, per_fy = 1 / camera.fx, 1 / camera.fy
     for i in range(rows.size):
-        moved[i, 0], moved[i, 1], moved_depths[i] = pixels[i, 0], pixels[i, 1], depths[i]
-        z = np.float64(depths[i] if depths[i] > 0 else typical)
-        x, y = (pixels[i, 0] - camera.cx) / camera.fx, (pixels[i, 1] - camera.cy) / camera.fy
-        s = rows[i]
-        # over the depth, so that it may be infinite
-        w = 1 + s * (c / z + p * y - q * x) if z >= MIN_DEPTH else 0.0
-        if w < 0.5:
-            continue
-        moved[i, 0] = (x + s * (a / z + q - r * y)) / w * camera.fx + camera.cx
-        moved[i, 1] = (y + s * (b / z + r * x - p)) / w * camera.fy + camera.cy
-        moved_depths[i] = depths[i] * w
+        u, v, known = pixels[i, 0], pixels[i, 1], depths[i]
+        z = np.float64(known if known > 0 else typical)
+        x, y = (u - camera.cx) * per_fx, (v - camera.cy) * per_fy
+        s, near = rows[i], 1 / z  # the inverse, so that the depth may be infinite
+        w = 1 + s * (c * near + p * y - q * x)
+        moves = (z >= MIN_DEPTH) & (w >= 0.5)  # no branch: on vectors
+        du = (x + s * (a * near + q - r * y)) / w * camera.fx + camera.cx
+        dv = (y + s * (b * near + r * x - p)) / w * camera.fy + camera.cy
+        moved[i, 0] = du if moves else u
+        moved[i, 1] = dv if moves else v
+        moved_depths[i] = known * w if moves else known
 
 
 @compiled

@@ -2,7 +2,7 @@
 
 import logging
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,6 +64,16 @@ FADING_S = 0.5  # that a velocity lasts which nothing confirms, where depth alon
 # next depth, and grows if that was taken so much later than its image, over the time between two.
 FED_BACK = 0.4
 NOMINAL_PERIOD_S = 1 / 30  # stands in where stamps repeat, all but repeat, or go back
+
+
+@dataclass(frozen=True, slots=True)
+class _Due:
+    """A frame that is to be a keyframe, once the next one is there: each of both takes its time."""
+
+    seen: Seen  # its depth is kept
+    index: int
+    velocity: NDArray[np.float64] | None
+    is_placed: bool  # by the window
 
 
 class Odometry:
@@ -132,6 +142,7 @@ class Odometry:
         """
         start = np.eye(4) if T_world_cam is None else _checked(T_world_cam)
         self._keyframe: Keyframe | None = None
+        self._due: _Due | None = None
         self._store = KeyframeStore(self.config.keyframes.stored)
         self._T_world_last = start  # of the last frame that was not lost
         self._T_key_last = np.eye(4)
@@ -213,6 +224,7 @@ class Odometry:
             If the frame is not of the camera's size.
         """
         self._check_size(frame)
+        self._make_due_keyframe()
         self._rewind(frame.timestamp)
         if self._freeze.repeats(frame):
             return self._hold(frame.timestamp)
@@ -265,6 +277,7 @@ class Odometry:
         TrackedFrame
             ``LOST``, with a predicted pose.
         """
+        self._make_due_keyframe()
         self._rewind(timestamp)
         return self._lose(timestamp, reason, 0, 0, None)
 
@@ -678,7 +691,7 @@ class Odometry:
 
     def _begin(self, seen: Seen) -> TrackedFrame:
         """Take the first usable frame as the first keyframe."""
-        self._set_keyframe(seen, None)
+        self._set_keyframe(self._front_end.keep(seen), self._count, None)
         self._last_time = timestamp = seen.frame.timestamp
         self._remember(seen)
         if self.config.status.max_conflict:
@@ -750,10 +763,12 @@ class Odometry:
             better = self._information.is_better(covariance, period)
         due = self._anchor is None and is_due(rule, T_key_cur, share, age, well_placed=better)
         together = rule.window > 2 and still is None and follows and status is Status.TRACKED
-        if due and together and covariance is not None:
-            T_key_cur = self._place_keyframe(seen, T_key_cur, covariance)
-        elif due:
-            self._set_keyframe(seen, self._velocity if follows else None)
+        if due:
+            is_placed = together and covariance is not None
+            if together and covariance is not None:
+                T_key_cur = self._place(seen, T_key_cur, covariance)
+            velocity = self._velocity if follows else None
+            self._due = _Due(self._front_end.keep(seen), self._count, velocity, is_placed)
         elif follows:
             self._renew_keyframe()
         return self._keep(
@@ -859,18 +874,27 @@ class Odometry:
             with self._clock("keyframe"):
                 self._store.add(self._front_end.keyframe(seen, good.index, good.T_world_cam, piece))
 
-    def _place_keyframe(
+    def _place(
         self, seen: Seen, T_key_cur: NDArray[np.float64], covariance: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Make a frame the keyframe where the last few place it; gives T_key_cur by that."""
+        """Move a frame that is to be the keyframe to where the last few place it: T_key_cur."""
         assert self._keyframe is not None
         last, term = self._keyframe, self._shared.term(self._fitter.term)
         with self._clock("keyframe"):
             self._T_world_last = self._window.place(last, seen, T_key_cur, covariance, term)
-        self._window.take(self._set_keyframe(seen, self._velocity))
         return se3.inverse(last.T_world_key) @ self._T_world_last
 
-    def _set_keyframe(self, seen: Seen, velocity: NDArray[np.float64] | None) -> Keyframe:
+    def _make_due_keyframe(self) -> None:
+        """Make the last frame the keyframe, if that is due."""
+        due, self._due = self._due, None
+        if due is not None:
+            keyframe = self._set_keyframe(due.seen, due.index, due.velocity)
+            if due.is_placed:
+                self._window.take(keyframe)
+
+    def _set_keyframe(
+        self, seen: Seen, index: int, velocity: NDArray[np.float64] | None
+    ) -> Keyframe:
         """Make a frame the keyframe, its parts moved by the velocity where that is known."""
         with self._clock("keyframe"):
             if velocity is not None:  # measured by now, no longer expected
@@ -879,7 +903,7 @@ class Odometry:
             edges = seen.edges.describe(self.camera)
             keyframe = self._front_end.keyframe(
                 seen,
-                self._count,
+                index,
                 self._T_world_last,
                 self._pieces.here,
                 self._instants.unrolled(edges, seen, velocity),
@@ -901,7 +925,7 @@ class Odometry:
         self._keyframe, self._T_key_last = keyframe, np.eye(4)
         if keep and self.config.keyframes.stored:
             self._store.add(keyframe)
-        logger.debug("frame %d is a keyframe", self._count)
+        logger.debug("frame %d is a keyframe", keyframe.index)
 
     def _period(self, timestamp: float) -> float:
         """Seconds since the last frame that was not lost; the usual where stamps make no sense."""
