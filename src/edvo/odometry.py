@@ -328,14 +328,14 @@ class Odometry:
             alignment = self._registration.align(
                 key.edges, seen.samples, starts, key.planes, seen.points, term, lag, far=far
             )
+        if self._is_off_planes(alignment) if far else self._judge.is_off(alignment):
+            with self._clock("search"):
+                alignment = self._on_planes(seen, term, alignment, far=far)
         scattered = not far and self._judge.scatter.is_wide(alignment)
         if scattered:
             self._judge.scatter.widen()
             with self._clock("search"):
                 alignment = self._sharpest(seen, starts, term, alignment)
-        elif far and self._is_off_planes(alignment):
-            with self._clock("search"):
-                alignment = self._on_planes(seen, term, alignment)
         status, reason = self._assess(alignment, timestamp)
         if not self.config.motion.search_deg or (status is Status.TRACKED and not far):
             return alignment, status, reason
@@ -397,7 +397,9 @@ class Odometry:
         unsure = found.inliers < SURE * len(found.matches)
         return unsure and found.sigma_depth > self.config.status.max_depth_sigma
 
-    def _on_planes(self, seen: Seen, term: DepthTerm, found: Alignment) -> Alignment:
+    def _on_planes(
+        self, seen: Seen, term: DepthTerm, found: Alignment, *, far: bool
+    ) -> Alignment:
         """Register from where depth alone leads, and take what edges and depth agree on best.
 
         A turn and a way to the side move edges all but alike; of the planes a turn tilts each.
@@ -407,7 +409,7 @@ class Odometry:
         level, _ = self._depth_alone.align(key, seen.samples, points, found.T_ref_cur)
         start = level.T_ref_cur[None]
         again = self._registration.align(
-            key.edges, seen.samples, start, key.planes, points, term, self._lag(seen), far=True
+            key.edges, seen.samples, start, key.planes, points, term, self._lag(seen), far=far
         )
         return max((found, again), key=lambda each: agreement(each, key.planes, points))
 

@@ -94,7 +94,7 @@ class Judge:
             limit = max(limit, self._usual)
         if doubt and alignment.depth_balance and alignment.sigma_depth > limit:
             return Status.LOST, f"{doubt}, and depth contradicts the edges"
-        if not doubt and alignment.sigma_depth > self._tolerated:
+        if not doubt and self.is_off(alignment):
             doubt = self._off(alignment)
         return (Status.DEGRADED, doubt) if doubt else (Status.TRACKED, "")
 
@@ -119,11 +119,24 @@ class Judge:
         fitting = alignment.plane_points / points
         if fitting < self._alone_share:
             return f"only {fitting:.0%} of its depth lies on planes of the keyframe"
-        if alignment.sigma_depth > self._tolerated:
+        if self.is_off(alignment):
             return self._off(alignment)
         if alignment.sigma_depth > self._status.max_depth_sigma:
             return f"its depth is off the planes by {alignment.sigma_depth:.0f} times the noise"
         return self._jump(speed, turn) or ("" if alignment.converged else alignment.reason)
+
+    def is_off(self, alignment: Alignment) -> bool:
+        """Whether depth is farther off the keyframe's than it was of late.
+
+        Parameters
+        ----------
+        alignment : Alignment
+
+        Returns
+        -------
+        bool
+        """
+        return alignment.sigma_depth > self._tolerated
 
     @property
     def _tolerated(self) -> float:
