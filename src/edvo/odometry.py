@@ -26,6 +26,7 @@ from edvo.last_good import LastGood
 from edvo.pieces import Pieces
 from edvo.planes import DepthTerm, PlaneFitter, thinned
 from edvo.registration import AT_ONCE, Alignment, Registration
+from edvo.scatter import clarity
 from edvo.search import STRIDE, Search, Seen, is_apart
 from edvo.sharing import SharedErrors
 from edvo.status import Judge, Status, agreement, speed_of
@@ -342,8 +343,7 @@ class Odometry:
         with self._clock("search"):
             if status is not Status.TRACKED:
                 other = self._search.around(key, self._T_key_last, seen, alignment)
-                in_place = self._judge.scatter.in_place
-                if not scattered or in_place(other) > in_place(alignment):
+                if not scattered or clarity(other) > clarity(alignment):
                     alignment = other
                 status, reason = self._assess(alignment, timestamp)
             if not far or status is Status.DEGRADED:
@@ -364,7 +364,7 @@ class Odometry:
     def _sharpest(
         self, seen: Seen, starts: NDArray[np.float64], term: DepthTerm, found: Alignment
     ) -> Alignment:
-        """Register with a scale that is known, and take what puts most edges in their places.
+        """Register with a scale that is known, and take what crowds edges most clearly.
 
         Where light makes edges come and go at once, half of them belong to no edge of the
         keyframe: a scale that is taken from all of them lets them count. Depth knows no light, so
@@ -389,7 +389,7 @@ class Odometry:
         usual = thinned(seen.points, self.config.planes.point_step_px)
         few = replace(seen, samples=seen.samples.every(STRIDE), points=usual)
         tried = [align(few, T) for T in (*starts, found.T_ref_cur, by_depth.T_ref_cur)]
-        best = align(seen, max(tried, key=scatter.in_place).T_ref_cur)
+        best = align(seen, max(tried, key=clarity).T_ref_cur)
         return best if scatter.is_sharper(best, found) else found
 
     def _is_off_planes(self, found: Alignment) -> bool:
@@ -397,9 +397,7 @@ class Odometry:
         unsure = found.inliers < SURE * len(found.matches)
         return unsure and found.sigma_depth > self.config.status.max_depth_sigma
 
-    def _on_planes(
-        self, seen: Seen, term: DepthTerm, found: Alignment, *, far: bool
-    ) -> Alignment:
+    def _on_planes(self, seen: Seen, term: DepthTerm, found: Alignment, *, far: bool) -> Alignment:
         """Register from where depth alone leads, and take what edges and depth agree on best.
 
         A turn and a way to the side move edges all but alike; of the planes a turn tilts each.

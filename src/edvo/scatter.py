@@ -12,8 +12,10 @@ LEAST_PX = 0.1  # between frames of a camera at rest edges scatter less, and of 
 WIDENING = 1.03  # of the usual, by a frame that is scattered: else a lasting change would stay one
 SHARP, TIGHT = 2.0, 3.0  # times the usual: the scale to try; within which an edge is in its place
 SHARPEST = 0.5  # of an inlier's residual, what is in its place at most, to tell places apart
-SHARPER = 1.1  # times as many edges in their places: more than chance
-PEAKED = 2.0  # times as many in their places as one crowd of that width would have there
+RANGE_PX = 3.0  # residuals that tell crowds apart,
+BIN_PX = 0.05  # so finely,
+CROWDS_PX = np.geomspace(0.1, 1.5, 12)  # by crowds so wide
+SHARES = np.arange(0.3, 1.0, 0.1)  # and of so many of the edges
 NO_WORSE = 0.95  # times what depth fitted: no less than chance
 LEAST_AREA = 0.04  # of the image; less of it on planes says nothing
 LEFT = 0.8  # of what lay on planes, where nothing has come before the lens
@@ -88,11 +90,10 @@ class Scatter:
         return int(np.count_nonzero(np.abs(alignment.residuals) <= TIGHT * self._usual_px))
 
     def is_sharper(self, alignment: Alignment, other: Alignment) -> bool:
-        """Whether a registration puts edges in their places more clearly, and depth no worse.
+        """Whether a registration crowds edges more clearly in their places, and depth no worse.
 
         Light leaves two crowds of edges, and depth as it is; a shutter that rolls, or blur, widens
-        the only crowd, and a stamp that is wrong moves depth, too. Where more are in their places
-        than one wide crowd has there, there are two, and as many in place are enough.
+        the only crowd, and a stamp that is wrong moves depth, too.
 
         Parameters
         ----------
@@ -102,11 +103,8 @@ class Scatter:
         -------
         bool
         """
-        there, here = self.in_place(alignment), self.in_place(other)
-        wide = max(other.sigma_px, LEAST_PX)
-        of_one = other.match_count * math.erf(TIGHT * self._usual_px / (math.sqrt(2) * wide))
-        more = there > SHARPER * here or (there >= here and here > PEAKED * of_one)
-        return more and fitting_depth(alignment) > NO_WORSE * fitting_depth(other)
+        clearer = clarity(alignment) > clarity(other)
+        return clearer and fitting_depth(alignment) > NO_WORSE * fitting_depth(other)
 
     def is_sharp(self, alignment: Alignment) -> bool:
         """Whether so many edges are in their places that light accounts for the others.
@@ -132,6 +130,33 @@ class Scatter:
         """Whether as much depth lies on planes as did of late: light leaves it, a hand does not."""
         known = self._usual_area >= LEAST_AREA
         return known and alignment.plane_area >= LEFT * self._usual_area
+
+
+def clarity(alignment: Alignment) -> float:
+    """Log-likelihood of the residuals, as a crowd about zero among others spread evenly.
+
+    The crowd is normal, its width and share those that make it likeliest: a narrow one that many
+    edges are outside of may say more than a wide one of nearly all, which their median prefers.
+
+    Parameters
+    ----------
+    alignment : Alignment
+
+    Returns
+    -------
+    float
+        The more, the clearer; -inf where the registration failed.
+    """
+    if alignment.reason in FAILURES:
+        return -math.inf
+    bins = np.arange(0, RANGE_PX + BIN_PX / 2, BIN_PX)
+    counts, _ = np.histogram(np.abs(alignment.residuals), bins)
+    outside = len(alignment.residuals) - counts.sum()
+    ratio = (bins[:-1] + BIN_PX / 2) / CROWDS_PX[:, None]
+    crowd = np.exp(-(ratio**2) / 2) * math.sqrt(2 / math.pi) / CROWDS_PX[:, None]
+    spread = (1 - SHARES[:, None, None]) / RANGE_PX
+    likely = np.log(SHARES[:, None, None] * crowd + spread) @ counts
+    return float((likely + outside * np.log(spread[:, :, 0])).max())
 
 
 def fitting_depth(alignment: Alignment) -> float:
