@@ -343,7 +343,7 @@ class Odometry:
         with self._clock("search"):
             if status is not Status.TRACKED:
                 other = self._search.around(key, self._T_key_last, seen, alignment)
-                if not scattered or clarity(other) > clarity(alignment):
+                if clarity(other) > clarity(alignment):
                     alignment = other
                 status, reason = self._assess(alignment, timestamp)
             if not far or status is Status.DEGRADED:
