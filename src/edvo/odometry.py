@@ -332,8 +332,7 @@ class Odometry:
         if self._is_off_planes(alignment) if far else self._judge.is_off(alignment):
             with self._clock("search"):
                 alignment = self._on_planes(seen, term, alignment, far=far)
-        scattered = not far and self._judge.scatter.is_wide(alignment)
-        if scattered:
+        if not far and self._judge.scatter.is_wide(alignment):
             self._judge.scatter.widen()
             with self._clock("search"):
                 alignment = self._sharpest(seen, starts, term, alignment)
