@@ -253,7 +253,7 @@ def test_a_far_step_found_by_a_search_is_looked_at_once_more(apart, monkeypatch)
     odometry.track(frames[0])
     key, search = odometry._keyframe, odometry._search
     right = search._register(key, key.samples, key.points, np.eye(4))
-    bad = replace(right, inliers=0)
+    bad = replace(right, inliers=0, residuals=np.full_like(right.residuals, 9.0))
     monkeypatch.setattr(odometry._registration, "align", lambda *given, **options: bad)
     monkeypatch.setattr(search, "around", lambda *given: right)
     monkeypatch.setattr(search, "is_alone", lambda *given: False)
