@@ -214,6 +214,70 @@ def test_a_keyframe_takes_its_time_from_the_next_frame(room, window):
     assert odometry.skip(frames[7].timestamp, "gone").keyframe == 6  # it need not be a good one
 
 
+def gaps(*overrides):
+    return make("keyframes.gap_frames=3", "keyframes.rule=gap", *overrides)
+
+
+def test_a_reset_forgets_a_keyframe_that_is_due(room):
+    frames, _ = room
+    odometry = gaps()
+    for frame in frames[:4]:
+        last = odometry.track(frame)
+    assert last.is_keyframe
+    odometry.reset()
+    fresh = gaps()
+    for frame in frames[10:13]:
+        again, wanted = odometry.track(frame), fresh.track(frame)
+        np.testing.assert_array_equal(again.T_world_cam, wanted.T_world_cam)
+        assert again.keyframe == wanted.keyframe
+
+
+def test_a_keyframe_that_is_due_is_made_before_anything_else_is_seen(room):
+    """A stream that freezes is lost, and what a lost camera does next uses the same memory."""
+    frames, _ = room
+    made = []
+    for frozen in (True, False):
+        odometry = gaps()
+        for frame in frames[:4]:
+            last = odometry.track(frame)
+        assert last.is_keyframe
+        if frozen:
+            for k in range(1, 15):
+                odometry.track(at(frames[3], frames[3].timestamp + k * PERIOD))
+        odometry.skip(frames[3].timestamp + 15 * PERIOD, "gone")
+        made.append(odometry._keyframe)
+    assert [key.index for key in made] == [3, 3]
+    for a, b in zip(made[0].edges.grid, made[1].edges.grid, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_a_keyframe_is_made_for_the_velocity_it_was_taken_at(room, monkeypatch):
+    frames, _ = room
+    odometry, given = gaps(), []
+    unrolled = odometry._instants.unrolled
+
+    def noted(edges, seen, velocity):
+        given.append(velocity)
+        return unrolled(edges, seen, velocity)
+
+    monkeypatch.setattr(odometry._instants, "unrolled", noted)
+    for frame in frames[:4]:
+        odometry.track(frame)
+    velocity = odometry._velocity.copy()
+    odometry.track(frames[4])
+    assert given[0] is None
+    np.testing.assert_array_equal(given[1], velocity)
+
+
+def test_what_is_held_of_the_first_keyframe_is_a_copy(room):
+    frames, _ = room
+    depth = frames[0].depth.copy()
+    odometry = make()
+    odometry.track(Frame(frames[0].timestamp, frames[0].grey, depth))
+    depth[:] = 9
+    np.testing.assert_array_equal(odometry._instants._held.depth, frames[0].depth)
+
+
 def test_stages_are_timed(room):
     frames, _ = room
     clock = StageClock()

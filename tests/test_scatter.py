@@ -9,7 +9,7 @@ from edvo import se3
 from edvo.config import Config, MatchingConfig, RegistrationConfig
 from edvo.odometry import Odometry, Status
 from edvo.registration import FAILURES, Registration
-from edvo.scatter import CROWDS_PX, RANGE_PX, SHARES, clarity
+from edvo.scatter import CROWDS_PX, RANGE_PX, SHARES, clarity, is_sharper
 from edvo.status import Judge
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
 
@@ -107,14 +107,13 @@ def test_a_narrow_crowd_is_clearer_than_a_wide_one_of_more_edges(crisp):
 
 
 def test_sharper_is_clearer_with_depth_no_worse(crisp):
-    scatter = judging(crisp).scatter
     before, more = crowded(crisp, 0.77, 0.97), crowded(crisp, 0.63, 0.36)
-    assert scatter.is_sharper(more, before)
-    assert not scatter.is_sharper(before, more)
-    assert not scatter.is_sharper(before, before)
-    assert not scatter.is_sharper(replace(more, plane_points=700), before)
-    assert not scatter.is_sharper(replace(more, sigma_depth=crisp.sigma_depth + 1), before)
-    assert not scatter.is_sharper(replace(more, reason=FAILURES[1]), before)
+    assert is_sharper(more, before)
+    assert not is_sharper(before, more)
+    assert not is_sharper(before, before)
+    assert not is_sharper(replace(more, plane_points=700), before)
+    assert not is_sharper(replace(more, sigma_depth=crisp.sigma_depth + 1), before)
+    assert not is_sharper(replace(more, reason=FAILURES[1]), before)
 
 
 @pytest.mark.parametrize("finer", ["measured", "none"])
@@ -261,25 +260,102 @@ def test_after_a_rest_motion_is_not_scattered():
     assert max(off[:20]) < 0.004
 
 
-def test_a_search_takes_nothing_less_clear(monkeypatch):
+class Aside:
+    """A tracker whose next frame is in doubt, and a search that leads elsewhere."""
+
+    def __init__(self, monkeypatch, width_px=1.0, **changes):
+        self.frames, self.truth = problems.sequence(30)
+        self.odometry = Odometry(problems.CAMERA)
+        for frame in self.frames[:8]:
+            self.odometry.track(frame)
+        self.found: list = []
+        self.width_px, self.changes = width_px, changes
+        monkeypatch.setattr(self.odometry._search, "around", self.around)
+
+    def around(self, key, T_key_start, seen, alignment):
+        T = se3.exp(np.full(6, 0.01)) @ alignment.T_ref_cur
+        other = crowded(alignment, 0.9, self.width_px)
+        self.found.append(replace(other, T_ref_cur=T, **self.changes))
+        return self.found[-1]
+
+    def is_taken(self):
+        result = self.odometry.track(self.frames[8])
+        assert len(self.found) == 1
+        return np.array_equal(result.T_key_cur, self.found[0].T_ref_cur)
+
+
+@pytest.mark.parametrize(("width_px", "is_taken"), [(0.05, True), (3.0, False)])
+def test_a_search_takes_nothing_less_clear(monkeypatch, width_px, is_taken):
     """A frame in doubt is searched for elsewhere: more edges that fit there are not enough."""
-    frames, _ = problems.sequence(30)
-    for width_px, is_taken in ((0.05, True), (3.0, False)):
-        odometry = Odometry(problems.CAMERA)
-        for frame in frames[:8]:
-            odometry.track(frame)
-        found = []
+    aside = Aside(monkeypatch, width_px)
+    monkeypatch.setattr(aside.odometry._judge, "_poor_fit", lambda alignment: "in doubt")
+    assert aside.is_taken() == is_taken
 
-        def elsewhere(key, T_key_start, seen, alignment, width_px=width_px, found=found):
-            other = crowded(alignment, 0.9, width_px)
-            found.append(replace(other, T_ref_cur=se3.exp(np.full(6, 0.01)) @ alignment.T_ref_cur))
-            return found[-1]
 
-        monkeypatch.setattr(odometry._search, "around", elsewhere)
-        monkeypatch.setattr(odometry._judge, "_poor_fit", lambda alignment: "in doubt")
-        result = odometry.track(frames[8])
-        assert len(found) == 1
-        assert np.array_equal(result.T_key_cur, found[0].T_ref_cur) == is_taken
+def test_a_search_saves_what_would_be_lost_however_clear_that_is(monkeypatch):
+    aside = Aside(monkeypatch)
+    judge = aside.odometry._judge.judge
+
+    def lost(alignment, *given, **options):
+        is_other = any(alignment is each for each in aside.found)
+        return judge(alignment, *given, **options) if is_other else (Status.LOST, "a jump")
+
+    monkeypatch.setattr(aside.odometry._judge, "judge", lost)
+    assert aside.is_taken()
+
+
+def test_a_search_takes_what_depth_is_not_off_however_clear_the_other_is(monkeypatch):
+    aside = Aside(monkeypatch, sigma_depth=0.4)
+    align = aside.odometry._registration.align
+
+    def off_planes(*given, **options):
+        return replace(align(*given, **options), sigma_depth=9.0)
+
+    monkeypatch.setattr(aside.odometry._registration, "align", off_planes)
+    assert aside.is_taken()
+
+
+def test_where_depth_leads_does_not_lose_what_edges_held(monkeypatch):
+    """A wall that moves along leads away from where most edges fit."""
+    aside = Aside(monkeypatch)
+    odometry, align = aside.odometry, aside.odometry._registration.align
+
+    def off_planes(*given, **options):
+        return replace(align(*given, **options), sigma_depth=3.0)
+
+    def on_planes(seen, term, found, *, far):
+        assert not far
+        return replace(found, inliers=0, agreeing=0)
+
+    monkeypatch.setattr(odometry._registration, "align", off_planes)
+    monkeypatch.setattr(odometry, "_on_planes", on_planes)
+    monkeypatch.setattr(odometry._search, "around", lambda key, T, seen, alignment: alignment)
+    assert odometry.track(aside.frames[8]).status is Status.DEGRADED
+
+
+@pytest.mark.parametrize("is_clearer", [True, False])
+def test_of_several_starts_the_clearest_is_taken_if_it_is_clearer(crisp, monkeypatch, is_clearer):
+    """Not what has most edges within three times the usual."""
+    odometry = Aside(monkeypatch).odometry
+    seen = odometry._front_end.see(problems.sequence(30)[0][8], 8)
+    usual, n = odometry._judge.scatter._usual_px, len(seen.samples)
+    start, where_found = np.eye(4), se3.exp(np.full(6, 0.1))
+
+    def result(T, count, share, width_px):
+        residuals = np.where(np.arange(count) < share * count, width_px, 8.0)
+        return replace(crisp, T_ref_cur=T, residuals=residuals)
+
+    def align(edges, samples, starts, *given, **options):
+        """From where it was found few are in their places, but these are clear."""
+        from_found = np.array_equal(starts[0], where_found)
+        share, width_px = (0.7, 0.2 * usual) if from_found else (0.8, 2.5 * usual)
+        return result(starts[0], len(samples), share, width_px)
+
+    monkeypatch.setattr(odometry._registration, "align", align)
+    found = result(where_found, n, *((0.8, 2.5 * usual) if is_clearer else (0.9, 0.2 * usual)))
+    best = odometry._sharpest(seen, start[None], odometry._fitter.term, found)
+    np.testing.assert_array_equal(best.T_ref_cur, where_found)
+    assert (best is not found) == is_clearer
 
 
 def test_depth_that_is_off_leads_back_to_the_planes(monkeypatch):
@@ -302,6 +378,7 @@ def test_depth_that_is_off_leads_back_to_the_planes(monkeypatch):
         )
 
     monkeypatch.setattr(odometry._registration, "align", leads_astray)
+    monkeypatch.setattr(odometry._search, "around", lambda key, T, seen, alignment: alignment)
     result = odometry.track(frames[8])
     assert result.status is Status.TRACKED
     assert problems.error(truth[8], result.T_world_cam)[0] < 0.003

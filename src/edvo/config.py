@@ -385,7 +385,8 @@ class StatusConfig(Section):
     depth_jump: Positive = Field(
         default=3.0,
         description="a frame whose depth is off the planes of the keyframe by so many times the "
-        "most that it was of late is degraded. Not in the paper",
+        "most that it was of late is registered once more from where depth leads, and degraded if "
+        "that is off as well. Not in the paper",
     )
     max_depth_sigma: Positive = Field(
         default=5.0,

@@ -1,6 +1,7 @@
 """What a camera delivers at one instant, checked at the door, and depth registered to colour.
 
-Arrays are kept as they are given, not copied: do not write into them afterwards.
+Arrays are kept as they are given, not copied: do not write into them while the frame is in use.
+`Odometry.track` copies what it needs beyond its return.
 """
 
 import copy

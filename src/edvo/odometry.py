@@ -26,7 +26,7 @@ from edvo.last_good import LastGood
 from edvo.pieces import Pieces
 from edvo.planes import DepthTerm, PlaneFitter, thinned
 from edvo.registration import AT_ONCE, Alignment, Registration
-from edvo.scatter import clarity
+from edvo.scatter import clarity, is_sharper
 from edvo.search import STRIDE, Search, Seen, is_apart
 from edvo.sharing import SharedErrors
 from edvo.status import Judge, Status, agreement, speed_of
@@ -329,9 +329,12 @@ class Odometry:
             alignment = self._registration.align(
                 key.edges, seen.samples, starts, key.planes, seen.points, term, lag, far=far
             )
-        if self._is_off_planes(alignment) if far else self._judge.is_off(alignment):
+        is_off = self._is_off_planes if far else self._judge.is_off
+        if is_off(alignment):
             with self._clock("search"):
-                alignment = self._on_planes(seen, term, alignment, far=far)
+                again = self._on_planes(seen, term, alignment, far=far)
+            if far or not self._is_lost(again, timestamp) or self._is_lost(alignment, timestamp):
+                alignment = again
         if not far and self._judge.scatter.is_wide(alignment):
             self._judge.scatter.widen()
             with self._clock("search"):
@@ -342,8 +345,7 @@ class Odometry:
         with self._clock("search"):
             if status is not Status.TRACKED:
                 other = self._search.around(key, self._T_key_last, seen, alignment)
-                if clarity(other) > clarity(alignment):
-                    alignment = other
+                alignment = self._better(alignment, other, timestamp)
                 status, reason = self._assess(alignment, timestamp)
             if not far or status is Status.DEGRADED:
                 return alignment, status, reason
@@ -359,6 +361,20 @@ class Odometry:
                 found, reason = farther, FAR_STEP
         self._doubt_time, self._doubt = timestamp, STEPPED
         return found, Status.DEGRADED, reason
+
+    def _better(self, found: Alignment, other: Alignment, timestamp: float) -> Alignment:
+        """Of two that fit: what is not lost, else whose depth is not off, else the clearer."""
+        if other is found:
+            return found
+        lost = [self._is_lost(each, timestamp) for each in (found, other)]
+        off = [self._judge.is_off(each) for each in (found, other)]
+        for fails, other_fails in (lost, off):
+            if fails != other_fails:
+                return other if fails else found
+        return max(found, other, key=clarity)
+
+    def _is_lost(self, alignment: Alignment, timestamp: float) -> bool:
+        return self._assess(alignment, timestamp)[0] is Status.LOST
 
     def _sharpest(
         self, seen: Seen, starts: NDArray[np.float64], term: DepthTerm, found: Alignment
@@ -389,7 +405,7 @@ class Odometry:
         few = replace(seen, samples=seen.samples.every(STRIDE), points=usual)
         tried = [align(few, T) for T in (*starts, found.T_ref_cur, by_depth.T_ref_cur)]
         best = align(seen, max(tried, key=clarity).T_ref_cur)
-        return best if scatter.is_sharper(best, found) else found
+        return best if is_sharper(best, found) else found
 
     def _is_off_planes(self, found: Alignment) -> bool:
         """Whether depth contradicts where edges lead, and edges are not all but sure of it."""

@@ -17,7 +17,7 @@ from edvo.planes import camera_of
 EXPECTED_S = 0.01  # how long a readout takes, before anything is known (one sigma)
 LARGEST_S = 0.033  # that is believed: a frame of 30 a second
 LEAST_S = 1e-3  # that matters
-TYPICAL_EDGES = 2000  # so many, or more, tell the depth that stands in where there is none
+TYPICAL_EDGES = 2000  # so many, or more, are asked for the depth that stands in where there is none
 NO_ROWS = np.empty(0)
 
 
@@ -172,8 +172,8 @@ def unroll(
     depths = edges.depths if depths is None else depths
     typical = np.float32(np.inf)
     if np.count_nonzero(depths) < len(depths):
-        some = depths[:: max(len(depths) // TYPICAL_EDGES, 1)]
-        known = some[some > 0]
+        known = depths[:: max(len(depths) // TYPICAL_EDGES, 1)]
+        known = known[known > 0] if known.any() else depths[depths > 0]
         typical = np.float32(np.median(known)) if len(known) else typical
     pixels, moved = np.empty_like(edges.pixels), np.empty_like(depths)
     kernels.unroll_pixels(edges.pixels, depths, typical, rows, velocity, camera, pixels, moved)

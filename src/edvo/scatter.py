@@ -15,11 +15,19 @@ SHARPEST = 0.5  # of an inlier's residual, what is in its place at most, to tell
 RANGE_PX = 3.0  # residuals that tell crowds apart,
 BIN_PX = 0.05  # so finely,
 CROWDS_PX = np.geomspace(0.1, 1.5, 12)  # by crowds so wide
-SHARES = np.arange(0.3, 1.0, 0.1)  # and of so many of the edges
+SHARES = np.arange(0.3, 0.95, 0.1)  # and of so many of the edges
 NO_WORSE = 0.95  # times what depth fitted: no less than chance
 LEAST_AREA = 0.04  # of the image; less of it on planes says nothing
 LEFT = 0.8  # of what lay on planes, where nothing has come before the lens
 AGREEING_SIGMA = 3.0  # times the sensor's noise, at which depth agrees half
+
+_BINS = np.arange(0, RANGE_PX + BIN_PX / 2, BIN_PX)
+_RATIO = (_BINS[:-1] + BIN_PX / 2) / CROWDS_PX[:, None]
+_CROWD = np.exp(-(_RATIO**2) / 2) * math.sqrt(2 / math.pi) / CROWDS_PX[:, None]
+_SPREAD = (1 - SHARES[:, None]) / RANGE_PX
+# log-likelihoods of an edge, by share and crowd: of one in each bin, and of one beyond all
+_INSIDE = np.log(SHARES[:, None, None] * _CROWD + _SPREAD[:, :, None])
+_OUTSIDE = np.log(_SPREAD)
 
 
 class Scatter:
@@ -89,23 +97,6 @@ class Scatter:
             return 0
         return int(np.count_nonzero(np.abs(alignment.residuals) <= TIGHT * self._usual_px))
 
-    def is_sharper(self, alignment: Alignment, other: Alignment) -> bool:
-        """Whether a registration crowds edges more clearly in their places, and depth no worse.
-
-        Light leaves two crowds of edges, and depth as it is; a shutter that rolls, or blur, widens
-        the only crowd, and a stamp that is wrong moves depth, too.
-
-        Parameters
-        ----------
-        alignment, other : Alignment
-
-        Returns
-        -------
-        bool
-        """
-        clearer = clarity(alignment) > clarity(other)
-        return clearer and fitting_depth(alignment) > NO_WORSE * fitting_depth(other)
-
     def is_sharp(self, alignment: Alignment) -> bool:
         """Whether so many edges are in their places that light accounts for the others.
 
@@ -132,6 +123,24 @@ class Scatter:
         return known and alignment.plane_area >= LEFT * self._usual_area
 
 
+def is_sharper(alignment: Alignment, other: Alignment) -> bool:
+    """Whether a registration crowds edges more clearly in their places, and depth no worse.
+
+    Light leaves two crowds of edges, and depth as it is; a shutter that rolls, or blur, widens
+    the only crowd, and a stamp that is wrong moves depth, too.
+
+    Parameters
+    ----------
+    alignment, other : Alignment
+
+    Returns
+    -------
+    bool
+    """
+    clearer = clarity(alignment) > clarity(other)
+    return clearer and fitting_depth(alignment) > NO_WORSE * fitting_depth(other)
+
+
 def clarity(alignment: Alignment) -> float:
     """Log-likelihood of the residuals, as a crowd about zero among others spread evenly.
 
@@ -149,14 +158,9 @@ def clarity(alignment: Alignment) -> float:
     """
     if alignment.reason in FAILURES:
         return -math.inf
-    bins = np.arange(0, RANGE_PX + BIN_PX / 2, BIN_PX)
-    counts, _ = np.histogram(np.abs(alignment.residuals), bins)
+    counts, _ = np.histogram(np.abs(alignment.residuals), _BINS)
     outside = len(alignment.residuals) - counts.sum()
-    ratio = (bins[:-1] + BIN_PX / 2) / CROWDS_PX[:, None]
-    crowd = np.exp(-(ratio**2) / 2) * math.sqrt(2 / math.pi) / CROWDS_PX[:, None]
-    spread = (1 - SHARES[:, None, None]) / RANGE_PX
-    likely = np.log(SHARES[:, None, None] * crowd + spread) @ counts
-    return float((likely + outside * np.log(spread[:, :, 0])).max())
+    return float((_INSIDE @ counts + outside * _OUTSIDE).max())
 
 
 def fitting_depth(alignment: Alignment) -> float:
