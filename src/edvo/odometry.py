@@ -779,11 +779,12 @@ class Odometry:
         due = self._anchor is None and is_due(rule, T_key_cur, share, age, well_placed=better)
         together = rule.window > 2 and still is None and follows and status is Status.TRACKED
         if due:
-            is_placed = together and covariance is not None
-            if together and covariance is not None:
-                T_key_cur = self._place(seen, T_key_cur, covariance)
+            placed_by = covariance if together else None
+            if placed_by is not None:
+                T_key_cur = self._place(seen, T_key_cur, placed_by)
             velocity = self._velocity if follows else None
-            self._due = _Due(self._front_end.keep(seen), self._count, velocity, is_placed)
+            kept = self._front_end.keep(seen)
+            self._due = _Due(kept, self._count, velocity, placed_by is not None)
         elif follows:
             self._renew_keyframe()
         return self._keep(
