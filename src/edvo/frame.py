@@ -156,7 +156,7 @@ def with_depth(frame: Frame, depth: NDArray[np.float32]) -> Frame:
     np.copyto(depth, frame.depth)
     other = copy.copy(frame)
     view = depth.view()
-    view.setflags(write=False)
+    view.setflags(write=False)  # as all frames have it
     object.__setattr__(other, "depth", view)
     return other
 

@@ -69,7 +69,7 @@ NOMINAL_PERIOD_S = 1 / 30  # stands in where stamps repeat, all but repeat, or g
 
 @dataclass(frozen=True, slots=True)
 class _Due:
-    """A frame that is to be a keyframe, once the next one is there: each of both takes its time."""
+    """A frame that is to be the keyframe; it is made one once another frame is there."""
 
     seen: Seen  # its depth is kept
     index: int
