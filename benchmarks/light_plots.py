@@ -185,7 +185,7 @@ def _draw_matches(axis: Axes, clip: Clip, look: Look) -> None:
     points = look.samples.points(camera) @ T[:3, :3].T + T[:3, 3]
     warped = points[:, :2] / points[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
     matched = alignment.matches >= 0
-    partner = look.reference.pixels[alignment.matches[matched]]
+    partner = alignment.references[matched]
     axis.plot(*look.reference.pixels.T, ",", color="0.75")
     own = warped[matched]
     near = np.linalg.norm(own - partner, axis=1) < WIDEST

@@ -913,17 +913,17 @@ def test_judge_matches(rng):
     packed = rng.normal(0, 2, np.count_nonzero(matches >= 0))
     angle = rng.uniform(0, 2 * np.pi, 450)
     unit = np.column_stack((np.cos(angle), np.sin(angle))).astype(np.float32)
-    residuals = np.empty(len(matches))
+    residuals, matched = np.empty(len(matches)), np.empty((len(matches), 2), np.float32)
+    given = matches, packed, 300 * unit[50:100], unit[:50], unit[50:], 2.0, 0.7071
     (inliers, agreeing), expected = both(
         "judge_matches",
-        lambda: kernels.judge_matches(
-            matches, packed, unit[:50], unit[50:], 2.0, 0.7071, residuals
-        ),
-        lambda: twins.judge_matches(matches, packed, unit[:50], unit[50:], 2.0, 0.7071),
+        lambda: kernels.judge_matches(*given, residuals, matched),
+        lambda: twins.judge_matches(*given),
     )
     assert 0 < agreeing < inliers < len(packed)
     assert (inliers, agreeing) == expected[:2]
     np.testing.assert_array_equal(residuals, expected[2])
+    np.testing.assert_array_equal(matched, expected[3])
 
 
 def test_kernels_that_count_no_references_keep_to_the_rules():

@@ -52,6 +52,7 @@ def found(residuals):
         matches=np.arange(len(residuals), dtype=np.int32),
         residuals=residuals,
         pixels=none.astype(np.float32),
+        references=none.astype(np.float32),
         inliers=len(residuals),
         agreeing=len(residuals),
         sigma_px=SIGMA,

@@ -459,12 +459,13 @@ def splat_depth(depth, rays, shift, camera, largest):
 # ------------------------------------------------------------------------------------- evidence
 
 
-def judge_matches(matches, packed, reference, gradients, inlier, min_dot):
-    residuals = np.full(len(matches), np.nan)
+def judge_matches(matches, packed, pixels, reference, gradients, inlier, min_dot):
+    residuals, matched = np.full(len(matches), np.nan), np.full((len(matches), 2), np.nan)
     residuals[matches >= 0] = packed
+    matched[matches >= 0] = pixels[matches[matches >= 0]]
     fits = np.abs(residuals) < inlier
     cosines = (reference[matches[fits]] * gradients[fits]).sum(axis=1)
-    return np.count_nonzero(fits), np.count_nonzero(cosines > min_dot), residuals
+    return np.count_nonzero(fits), np.count_nonzero(cosines > min_dot), residuals, matched
 
 
 # ----------------------------------------------------------------------------- what stands still

@@ -164,6 +164,7 @@ class DepthAlone:
             matches=np.full(n, kernels.NO_MATCH, np.int32),
             residuals=np.full(n, np.nan),
             pixels=samples.pixels,
+            references=np.full((n, 2), np.nan, np.float32),
             inliers=0,
             agreeing=0,
             sigma_px=0.0,

@@ -3113,24 +3113,28 @@ def splat_depth(
 def judge_matches(
     matches: I32,
     packed: F64,
+    pixels: F32,
     reference: F32,
     gradients: F32,
     inlier: float,
     min_dot: float,
     residuals: F64,
+    matched: F32,
 ) -> tuple[int, int]:
     """Spread the residuals of the matched samples over all, NaN where there is no match.
 
-    Returns how many lie below ``inlier`` px, and of these those whose gradient times that of
-    their match, a row of ``reference``, exceeds ``min_dot``.
+    So are the ``pixels`` of their matches. Returns how many residuals lie below ``inlier`` px, and
+    of these those whose gradient times that of their match, a row of ``reference``, exceeds
+    ``min_dot``.
     """
     least = np.float32(min_dot)
     inliers, agreeing, k = 0, 0, 0
     for i in range(matches.size):
         edge = matches[i]
         if edge < 0:
-            residuals[i] = np.nan
+            residuals[i] = matched[i, 0] = matched[i, 1] = np.nan
             continue
+        matched[i, 0], matched[i, 1] = pixels[edge, 0], pixels[edge, 1]
         residuals[i] = packed[k]
         k += 1
         if abs(residuals[i]) < inlier:

@@ -95,6 +95,8 @@ class Alignment:
         Pixels; NaN where there is no match.
     pixels : ndarray of float32, shape (N, 2)
         Ideal pixel of each sample in the current image.
+    references : ndarray of float32, shape (N, 2)
+        Ideal pixel of the reference edge of each sample; NaN where it has none.
     inliers : int
         Matches with a residual below ``StatusConfig.inlier_px``.
     agreeing : int
@@ -129,6 +131,7 @@ class Alignment:
     matches: NDArray[np.int32]
     residuals: NDArray[np.float64]
     pixels: NDArray[np.float32]
+    references: NDArray[np.float32]
     inliers: int
     agreeing: int
     sigma_px: float
@@ -316,15 +319,17 @@ class Registration:
             packed,
             history,
         )
-        residuals = np.empty(n)
+        residuals, matched = np.empty(n), np.empty((n, 2), np.float32)
         inliers, agreeing = kernels.judge_matches(
             matches,
             packed,
+            reference.edges.pixels,
             reference.edges.gradients,
             samples.gradients,
             self._inlier_px,
             AGREEING,
             residuals,
+            matched,
         )
         return Alignment(
             T_ref_cur=T,
@@ -332,6 +337,7 @@ class Registration:
             matches=matches,
             residuals=residuals,
             pixels=samples.pixels,
+            references=matched,
             inliers=inliers,
             agreeing=agreeing,
             sigma_px=sigma,

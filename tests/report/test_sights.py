@@ -37,7 +37,7 @@ def test_edges_and_matches_lie_on_the_picture(
     odometry.track(frame)
     grey = grey + rng.integers(0, 2, grey.shape, np.uint8)  # or it would be a frozen stream
     again = Frame(1 / 30, grey, frame.depth)
-    sight = Sight(again, odometry.track(again), frame)
+    sight = Sight(again, odometry.track(again))
     seen = look_again(sight, camera, Config())
     du, dv = (cv2.Sobel(seen.grey, cv2.CV_32F, *order) for order in ((1, 0), (0, 1)))
     strength = np.abs(du) + np.abs(dv)
@@ -71,7 +71,7 @@ def test_a_frame_without_edges_is_shown_by_what_it_has() -> None:
     assert 0.3 < float(row["sigma_depth"]) < 1
     again = Odometry(camera)
     again.track(frames[0])
-    sight = Sight(frames[1], again.track(frames[1]), frames[0])
+    sight = Sight(frames[1], again.track(frames[1]))
     assert not len(look_again(sight, camera, Config()).samples)
     assert cv2.imdecode(np.frombuffer(film_frame(sight, camera, Config()), np.uint8), 1) is not None
     assert f"{row['plane_points']} points on planes of keyframe 0" in caption(sight, 0.0)

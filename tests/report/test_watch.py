@@ -106,17 +106,6 @@ def test_typical_fit_as_most_do() -> None:
     assert not {s.result.index for s in found} & {s.result.index for s in watch.worst()}
 
 
-def test_a_frame_is_shown_with_the_keyframe_it_was_registered_to() -> None:
-    inliers = [90] * 80
-    inliers[30] = inliers[47] = 10
-    by_index = {sight.result.index: sight for sight in watched(inliers).worst()}
-    # Frame 30 becomes a keyframe itself, and was registered to the one before.
-    for index, key in ((30, 20), (47, 40)):
-        keyframe = by_index[index].keyframe
-        assert keyframe is not None
-        assert keyframe.grey[0, 0] == key
-
-
 def test_memory_does_not_grow_with_the_run() -> None:
     watch = watched([90] * 1000)
     kept = len(watch._worst) + len(watch._plain)
@@ -159,25 +148,3 @@ def test_order_of_doubt() -> None:
     order = [first, good, fair, blurred, degraded, lost]
     assert sorted(order, key=doubt) == order
     assert doubt(blurred) < doubt(lost, still_lost=True) < doubt(degraded)
-
-
-def test_a_frame_is_not_shown_on_a_keyframe_that_it_was_not_registered_with() -> None:
-    class Recovering(Scripted):
-        def track(self, frame: Frame) -> TrackedFrame:
-            # Found again by the first keyframe, while the last one is frame 10.
-            return replace(
-                super().track(frame), keyframe=0 if self.count < 11 else 10 * (self.count % 2)
-            )
-
-    watch = Watch(Recovering([50] * 30), 30)
-    keyframes = {}
-    for index in range(30):
-        frame = Frame(index / 10, np.full((12, 16), index, np.uint8), np.ones((12, 16), np.float32))
-        result = watch.track(frame)
-        sight = watch._fresh
-        assert sight is not None
-        keyframes[index] = result.keyframe, sight.keyframe
-    for index in range(11, 20):
-        number, keyframe = keyframes[index]
-        assert (keyframe is None) == (number == 0)
-        assert keyframe is None or keyframe.timestamp == 1.0

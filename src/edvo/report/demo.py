@@ -120,15 +120,12 @@ class Watched:
         self.sights: list[Sight] = []
         self._odometry = odometry
         self._step = step
-        self._keyframe: Frame | None = None
 
     def track(self, frame: Frame) -> TrackedFrame:
         """Give the pose of a frame."""
         result = self._odometry.track(frame)
         if result.index % self._step == 0:
-            self.sights.append(Sight(frame, result, self._keyframe))
-        if result.is_keyframe:
-            self._keyframe = frame
+            self.sights.append(Sight(frame, result))
         return result
 
     def skip(self, timestamp: float, reason: str) -> TrackedFrame:

@@ -20,13 +20,10 @@ class Sight:
     ----------
     frame : Frame
     result : TrackedFrame
-    keyframe : Frame or None
-        What it was registered with; None where that is not known.
     """
 
     frame: Frame
     result: TrackedFrame
-    keyframe: Frame | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +58,7 @@ def look_again(sight: Sight, camera: Camera, config: Config) -> Seen:
     sight : Sight
         What was kept.
     camera : Camera
-        Of both frames.
+        Of the frame.
     config : Config
         Of the odometry that gave the result.
 
@@ -70,19 +67,10 @@ def look_again(sight: Sight, camera: Camera, config: Config) -> Seen:
     Seen
         Without matches where the frame was not registered.
     """
-    reference = None
-    if sight.keyframe is not None:
-        reference = extract_edges(sight.keyframe.grey, config.edges).describe(camera).pixels
-    return look(sight.frame, sight.result, reference, camera, config)
+    return look(sight.frame, sight.result, camera, config)
 
 
-def look(
-    frame: Frame,
-    result: TrackedFrame,
-    reference: NDArray[np.floating] | None,
-    camera: Camera,
-    config: Config,
-) -> Seen:
+def look(frame: Frame, result: TrackedFrame, camera: Camera, config: Config) -> Seen:
     """Find again, in a frame, the edges and samples that the tracker had.
 
     Parameters
@@ -91,26 +79,23 @@ def look(
         What was tracked.
     result : TrackedFrame
         What was made of it.
-    reference : ndarray, shape (N, 2), or None
-        Edge pixels of the keyframe that it was registered with; None where they are not known.
     camera : Camera
-        Of both frames.
+        Of the frame.
     config : Config
         Of the odometry that gave the result.
 
     Returns
     -------
     Seen
-        Without matches where the frame was not registered, or the keyframe is not known.
+        Without matches where the frame was not registered.
     """
     image = extract_edges(frame.grey, config.edges)
     edges = image.describe(camera)
     samples = references = np.empty((0, 2), np.float32)
     residuals = np.empty(0)
-    if result.alignment is not None and reference is not None:
-        matches = result.alignment.matches
-        matched = matches >= 0
-        samples, references = result.alignment.pixels[matched], reference[matches[matched]]
+    if result.alignment is not None:
+        matched = result.alignment.matches >= 0
+        samples, references = result.alignment.pixels[matched], result.alignment.references[matched]
         residuals = result.alignment.residuals[matched]
     grey = camera.undistort_image(frame.grey)
     return Seen(grey, edges.pixels, edges.gradients, samples, references, residuals)

@@ -20,7 +20,7 @@ class Backlog:
     most_pictures : int
         So many frames may wait with their images. Once there are more, images are left out: of
         the newest frame, or, where that is a keyframe, of the oldest one that is none, since
-        later frames are drawn on keyframes.
+        the map is made of keyframes.
 
     Attributes
     ----------

@@ -1,7 +1,6 @@
 """Images in the viewer: edges, samples, matches and residuals, depth."""
 
 import math
-from collections import OrderedDict
 from typing import Any
 
 import cv2
@@ -22,7 +21,6 @@ from edvo.report.viewer_shot import Shot
 QUALITY = 85
 DEPTH_WIDTH = 320  # pixels; enough to look at, and a fifth of the time of a whole one
 WORST_PX = 3.0  # residual of the last colour
-KEYFRAMES_KEPT = 256
 DIRECTIONS = 36  # classes of edges
 PLANE_M = 0.25  # from the camera to its image in space
 
@@ -46,7 +44,6 @@ class Images:
     def __init__(self, recorder: Recorder, camera: Camera, config: Config) -> None:
         self._recorder, self._camera, self._config = recorder, camera, config
         self._rerun = load_rerun()
-        self._references: OrderedDict[int, NDArray[np.floating]] = OrderedDict()
         self._far_m: float | None = None
         self._stride = max(1, round(camera.width / DEPTH_WIDTH))
         recorder.log(EDGES, self._directions(), static=True)
@@ -64,10 +61,7 @@ class Images:
         if frame is None:
             return
         rerun, log = self._rerun, self._recorder.log
-        reference = self._references.get(result.keyframe)
-        seen = look(frame, result, reference, self._camera, self._config)
-        if result.is_keyframe:
-            self._remember(result.index, seen.pixels)
+        seen = look(frame, result, self._camera, self._config)
         packed = cv2.imencode(".jpg", seen.grey, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1]
         log(IMAGE, rerun.EncodedImage(contents=packed.tobytes(), media_type="image/jpeg"))
         log(EDGES, rerun.SegmentationImage(_edge_image(seen)))
@@ -78,11 +72,6 @@ class Images:
         strips = np.stack([samples, references], axis=1)
         log(MATCHES, rerun.LineStrips2D(strips, colors=colours, radii=rerun.Radius.ui_points(0.5)))
         log(DEPTH, self._depth(frame))
-
-    def _remember(self, index: int, pixels: NDArray[np.floating]) -> None:
-        self._references[index] = pixels
-        if len(self._references) > KEYFRAMES_KEPT:
-            self._references.popitem(last=False)
 
     def _directions(self) -> Any:
         angles = np.arange(DIRECTIONS) * 2 * np.pi / DIRECTIONS

@@ -40,7 +40,7 @@ class Watch:
 
     Notes
     -----
-    At most 16 frames with their keyframes are held at a time.
+    At most 16 frames are held at a time.
     """
 
     def __init__(
@@ -55,7 +55,6 @@ class Watch:
         self._span = max(1, -(-frames // SPANS))
         self._keep_sights = keep_sights
         self._map = edge_map
-        self._keyframe: tuple[int, Frame] | None = None
         self._fresh: Sight | None = None
         self._lost = False
         self._worst: dict[int, tuple[Doubt, Sight]] = {}
@@ -64,11 +63,7 @@ class Watch:
     def track(self, frame: Frame) -> TrackedFrame:
         """Give the pose of a frame; what is kept of it is decided later, outside of its time."""
         result = self.tracker.track(frame)
-        # After a recovery it may be an older one, which is not held.
-        index, keyframe = self._keyframe or (-1, None)
-        self._fresh = Sight(frame, result, keyframe if result.keyframe == index else None)
-        if result.is_keyframe:
-            self._keyframe = result.index, frame
+        self._fresh = Sight(frame, result)
         return result
 
     def skip(self, timestamp: float, reason: str) -> TrackedFrame:
