@@ -169,7 +169,22 @@ def _textures():
     return textures
 
 
-def render(T_world_cam, timestamp=0.0, camera=CAMERA):
+@cache
+def _shaded():
+    """The same in another light, whose shadows make edges of their own."""
+    rng, textures = np.random.default_rng(9), []
+    for texture in _textures():
+        light = np.full(texture.shape, 255, np.uint8)
+        for _ in range(max(2, texture.size // 12000)):
+            centre = rng.uniform((0, 0), texture.shape[::-1])
+            corners = centre + rng.uniform(-0.4, 0.4, (3, 2)) * TEXTURE_PX_PER_M
+            cv2.fillPoly(light, [corners.astype(np.int32)], 110, cv2.LINE_AA)
+        light = cv2.GaussianBlur(light, (5, 5), 1.2)
+        textures.append((texture.astype(np.uint16) * light // 255).astype(np.uint8))
+    return textures
+
+
+def render(T_world_cam, timestamp=0.0, camera=CAMERA, *, shaded=False):
     """The room corner as the camera sees it, its depth exact.
 
     All sums are element-wise and the textures are looked up in fixed point, so that every
@@ -180,7 +195,9 @@ def render(T_world_cam, timestamp=0.0, camera=CAMERA):
     y = ((np.arange(camera.height) - camera.cy) / camera.fy)[:, None]
     grey = np.zeros((camera.height, camera.width), np.uint8)
     depth = np.full(grey.shape, np.inf)
-    for (point, a, b, extent), texture in zip(PLANES, _textures(), strict=True):
+    for (point, a, b, extent), texture in zip(
+        PLANES, _shaded() if shaded else _textures(), strict=True
+    ):
         to_plane, axes = [], np.array([np.cross(a, b), a, b])
         in_camera = [[sum(float(n[i] * R[i, k]) for i in range(3)) for k in range(3)] for n in axes]
         for n in axes:

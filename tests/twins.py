@@ -715,6 +715,26 @@ def depth_equations(planes, points, camera, T, term, sigma, scale):
     return scale * J.T @ (w[:, None] * J), scale * J.T @ (w * r)
 
 
+# -------------------------------------------------------------------------------- other places
+
+
+def carry_edges(pixels, gradients, depths, T, camera):
+    """Where edges are seen from another place, by the line that each stands on."""
+    X = camera.backproject(pixels.astype(np.float64), depths.astype(np.float64))
+    along = np.column_stack((-gradients[:, 1] / camera.fx, gradients[:, 0] / camera.fy))
+    along = np.column_stack((along, np.zeros(len(along)))) * depths[:, None]
+    Y, turned = X @ T[:3, :3].T + T[:3, 3], along @ T[:3, :3].T
+    usable = (depths >= kernels.MIN_DEPTH) & (Y[:, 2] >= kernels.MIN_DEPTH)
+    Y, turned = Y[usable], turned[usable]
+    there = _project(camera, Y)
+    seen = ((there >= 0) & (there <= (camera.width - 1, camera.height - 1))).all(axis=1)
+    f = np.array([camera.fx, camera.fy])
+    line = f * (turned[:, :2] - Y[:, :2] / Y[:, 2:] * turned[:, 2:]) / Y[:, 2:]
+    line /= np.linalg.norm(line, axis=1, keepdims=True)
+    across = np.column_stack((line[:, 1], -line[:, 0]))
+    return there[seen], across[seen], Y[seen, 2]
+
+
 # ------------------------------------------------------------------------------ rolling shutters
 
 

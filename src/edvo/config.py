@@ -317,6 +317,12 @@ class KeyframesConfig(Section):
     min_overlap: Fraction = Field(
         default=0.75, description="rule motion: least share of the samples that fit the keyframe"
     )
+    gather_share: Fraction = Field(
+        default=0.33,
+        description="rule motion: where fewer fit within this share of the two bounds on motion, "
+        "light has changed, and the keyframe gathers the edges that it does not know in place of "
+        "giving way; 0: never. Not in the paper",
+    )
 
 
 class MotionConfig(Section):
@@ -607,7 +613,7 @@ PRESETS: dict[str, dict[str, Any]] = {
             "finer": "none",
         },
         "motion": {"search_deg": 0.0, "prior_stride": 4, "depth_delay": "none", "readout": "none"},
-        "keyframes": {"window": 1, "stored": 0},
+        "keyframes": {"window": 1, "stored": 0, "gather_share": 0.0},
         "sampling": {"count": 450, "max_growth": 1.0},
         "registration": {
             "weight": "t",

@@ -61,6 +61,23 @@ class EdgePixels:
             np.ascontiguousarray(self.depths[::stride]),
         )
 
+    def joined(self, others: "EdgePixels") -> "EdgePixels":
+        """Put others behind them.
+
+        Parameters
+        ----------
+        others : EdgePixels
+
+        Returns
+        -------
+        EdgePixels
+        """
+        return EdgePixels(
+            np.concatenate((self.pixels, others.pixels)),
+            np.concatenate((self.gradients, others.gradients)),
+            np.concatenate((self.depths, others.depths)),
+        )
+
     def points(self, camera: Camera) -> NDArray[np.float64]:
         """Back-project into the camera frame, pi^-1 of Eq. (1).
 

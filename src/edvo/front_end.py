@@ -113,6 +113,29 @@ class FrontEnd:
         """
         return replace(seen, frame=with_depth(seen.frame, self._depth))
 
+    def edges_with_depth(self, seen: Seen) -> EdgePixels:
+        """Describe all edges of what was seen last that have depth.
+
+        Parameters
+        ----------
+        seen : Seen
+
+        Returns
+        -------
+        EdgePixels
+        """
+        config = self._config
+        return sample_edges(
+            seen.edges,
+            seen.frame.depth,
+            self._camera,
+            config.sampling,
+            config.edges,
+            config.seed,
+            seen.T_cam_depth,
+            count=0,
+        )
+
     def keyframe(
         self,
         seen: Seen,

@@ -7,13 +7,11 @@ from numpy.typing import NDArray
 
 from edvo import se3
 from edvo.camera import Camera
-from edvo.chamfer import ChamferMap
 from edvo.config import Config
 from edvo.delay import DepthDelay
 from edvo.edges import EdgePixels, depth_at_edges
 from edvo.kernels import Lag
 from edvo.keyframes import Keyframe
-from edvo.look import Look
 from edvo.measuring import Moments
 from edvo.planes import PlaneFitter
 from edvo.registration import Alignment, Registration
@@ -206,6 +204,17 @@ class Instants:
             velocity,
         )
 
+    def exchange(self, keyframe: Keyframe, by: Keyframe) -> None:
+        """Take note that a keyframe has got more edges.
+
+        Parameters
+        ----------
+        keyframe, by : Keyframe
+            As it was, and as it is now.
+        """
+        if self._held is not None and self._held.keyframe is keyframe:
+            self._held.keyframe = by
+
     def renewed(self, keyframe: Keyframe, velocity: NDArray[np.float64]) -> Keyframe | None:
         """Move the parts of a keyframe anew, if they were taken at other instants than thought.
 
@@ -239,12 +248,8 @@ class Instants:
         if np.abs(rolled - held.rolled).max() > NEWS:
             depths = depth_at_edges(held.depth, held.index, self._rough)
             edges = self.rolling.unrolled(held.edges, held.velocity, depths)
-            changed = replace(
-                changed,
-                edges=self._registration.index(edges),
-                look=Look(edges, self._camera),
-                chamfer=ChamferMap(edges, self._camera),
-            )
+            # what it has gathered was put where its edges were thought to be, and is off by as much
+            changed = changed.showing(self._registration.index(edges), self._camera)
             held.rolled = rolled
         if changed is keyframe:
             return None

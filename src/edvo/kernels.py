@@ -1705,6 +1705,53 @@ def unroll_pixels(
 
 
 @compiled
+def carry_edges(
+    pixels: F32,
+    gradients: F32,
+    depths: F32,
+    T: F64,
+    camera: Pinhole,
+    carried: F32,
+    turned: F32,
+    moved_depths: F32,
+) -> int:
+    """Write where edges with depth are to be seen from another place, and their unit gradients.
+
+    ``T`` maps points to that camera. A gradient is carried by the line that it stands on, which is
+    taken to lie at the depth of the edge. Returns how many are in the view; the rest are left out.
+    """
+    n = 0
+    for i in range(depths.size):
+        z = np.float64(depths[i])
+        if z < MIN_DEPTH:
+            continue
+        x, y = (
+            (pixels[i, 0] - camera.cx) / camera.fx * z,
+            (pixels[i, 1] - camera.cy) / camera.fy * z,
+        )
+        Z = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+        if Z < MIN_DEPTH:
+            continue
+        X = (T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]) / Z
+        Y = (T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]) / Z
+        u, v = camera.fx * X + camera.cx, camera.fy * Y + camera.cy
+        if not (0 <= u <= camera.width - 1 and 0 <= v <= camera.height - 1):
+            continue
+        a, b = -gradients[i, 1] / camera.fx, gradients[i, 0] / camera.fy  # along the line
+        c = T[2, 0] * a + T[2, 1] * b
+        du = camera.fx * (T[0, 0] * a + T[0, 1] * b - X * c)
+        dv = camera.fy * (T[1, 0] * a + T[1, 1] * b - Y * c)
+        length = np.sqrt(du * du + dv * dv)
+        if length == 0:
+            continue
+        carried[n, 0], carried[n, 1] = u, v
+        turned[n, 0], turned[n, 1] = dv / length, -du / length
+        moved_depths[n] = Z
+        n += 1
+    return n
+
+
+@compiled
 def invert(T: F64, inverse: F64) -> None:
     """Write the inverse of a rigid motion."""
     for i in range(3):

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edvo import se3
+from edvo.camera import Camera
 from edvo.chamfer import ChamferMap
 from edvo.config import KeyframesConfig
 from edvo.edges import EdgePixels
@@ -43,6 +44,10 @@ class Keyframe:
     piece : int
         Of the path that it belongs to: 0 is that of the first frame; where others are to that is
         not known.
+    gathered : int
+        How many of its edges, the last ones, later frames have shown; see `edvo.gathering`.
+    gathered_at : float
+        When the last of these was taken, seconds; minus infinity where there is none.
     """
 
     index: int
@@ -55,6 +60,39 @@ class Keyframe:
     chamfer: ChamferMap
     timestamp: float
     piece: int = 0
+    gathered: int = 0
+    gathered_at: float = -math.inf
+
+    def showing(
+        self,
+        edges: EdgeIndex,
+        camera: Camera,
+        gathered: int = 0,
+        gathered_at: float = -math.inf,
+    ) -> "Keyframe":
+        """Give it other edges.
+
+        Parameters
+        ----------
+        edges : EdgeIndex
+        camera : Camera
+        gathered : int
+            How many of them, the last ones, later frames have shown, and
+        gathered_at : float
+            when the last of these was taken.
+
+        Returns
+        -------
+        Keyframe
+        """
+        return replace(
+            self,
+            edges=edges,
+            look=Look(edges.edges, camera),
+            chamfer=ChamferMap(edges.edges, camera),
+            gathered=gathered,
+            gathered_at=gathered_at,
+        )
 
 
 class KeyframeStore:
@@ -196,10 +234,25 @@ def is_due(
     """
     if config.rule == "gap":
         return age >= config.gap_frames
-    x, y, z = T_key_cur[:3, 3].tolist()
     reach = config.early_share if well_placed else 1.0
-    return (
-        math.hypot(x, y, z) > reach * config.max_translation_m
-        or se3.rotation_angle(T_key_cur) > reach * math.radians(config.max_rotation_deg)
-        or overlap < config.min_overlap
-    )
+    return overlap < config.min_overlap or is_beyond(config, T_key_cur, reach)
+
+
+def is_beyond(config: KeyframesConfig, T_key_cur: NDArray[np.float64], share: float) -> bool:
+    """Whether the camera has left a keyframe by more than a share of the bounds on motion.
+
+    Parameters
+    ----------
+    config : KeyframesConfig
+    T_key_cur : ndarray of float64, shape (4, 4)
+        Motion since the keyframe.
+    share : float
+
+    Returns
+    -------
+    bool
+    """
+    x, y, z = T_key_cur[:3, 3].tolist()
+    return math.hypot(x, y, z) > share * config.max_translation_m or se3.rotation_angle(
+        T_key_cur
+    ) > share * math.radians(config.max_rotation_deg)

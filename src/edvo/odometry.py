@@ -19,6 +19,7 @@ from edvo.errors import FrameError, TrajectoryError
 from edvo.frame import Frame
 from edvo.freeze import FREEZE_S, Freeze, glimpse
 from edvo.front_end import FrontEnd, rigid
+from edvo.gathering import gather, may_gather
 from edvo.information import Information
 from edvo.instants import Instants
 from edvo.keyframes import Keyframe, KeyframeStore, is_due
@@ -69,12 +70,13 @@ NOMINAL_PERIOD_S = 1 / 30  # stands in where stamps repeat, all but repeat, or g
 
 @dataclass(frozen=True, slots=True)
 class _Due:
-    """A frame that is to be the keyframe; it is made one once another frame is there."""
+    """A frame that is to be the keyframe, or to add to it, once another frame is there."""
 
     seen: Seen  # its depth is kept
     index: int
     velocity: NDArray[np.float64] | None
-    is_placed: bool  # by the window
+    is_placed: bool = False  # by the window
+    T_key_cur: NDArray[np.float64] | None = None  # where the keyframe stays, and gathers its edges
 
 
 class Odometry:
@@ -777,12 +779,16 @@ class Odometry:
         if rule.early_share < 1 and covariance is not None:
             better = self._information.is_better(covariance, period)
         due = self._anchor is None and is_due(rule, T_key_cur, share, age, well_placed=better)
+        gathers = due and still is None and may_gather(rule, keyframe, T_key_cur, share)
         together = rule.window > 2 and still is None and follows and status is Status.TRACKED
-        if due:
+        velocity = self._velocity if follows else None
+        if gathers:
+            kept, due = self._front_end.keep(seen), False
+            self._due = _Due(kept, self._count, velocity, T_key_cur=T_key_cur)
+        elif due:
             placed_by = covariance if together else None
             if placed_by is not None:
                 T_key_cur = self._place(seen, T_key_cur, placed_by)
-            velocity = self._velocity if follows else None
             kept = self._front_end.keep(seen)
             self._due = _Due(kept, self._count, velocity, placed_by is not None)
         elif follows:
@@ -901,9 +907,11 @@ class Odometry:
         return se3.inverse(last.T_world_key) @ self._T_world_last
 
     def _make_due_keyframe(self) -> None:
-        """Make the last frame the keyframe, if that is due."""
+        """Make the last frame the keyframe, or add its edges to it, if that is due."""
         due, self._due = self._due, None
-        if due is not None:
+        if due is not None and due.T_key_cur is not None:
+            self._gather(due.seen, due.T_key_cur, due.velocity)
+        elif due is not None:
             keyframe = self._set_keyframe(due.seen, due.index, due.velocity)
             if due.is_placed:
                 self._window.take(keyframe)
@@ -927,6 +935,23 @@ class Odometry:
             self._take_keyframe(keyframe)
             self._instants.hold(keyframe, seen, edges, velocity)
         return keyframe
+
+    def _gather(
+        self, seen: Seen, T_key_cur: NDArray[np.float64], velocity: NDArray[np.float64] | None
+    ) -> None:
+        """Add to the keyframe the edges of a frame that it does not know."""
+        assert self._keyframe is not None
+        before = self._keyframe
+        with self._clock("keyframe"):
+            edges = self._front_end.edges_with_depth(seen)
+            if velocity is not None:
+                edges = self._instants.rolling.unrolled(edges, velocity)
+            when = seen.frame.timestamp
+            more = gather(before, edges, T_key_cur, when, self._registration, self.camera)
+            self._store.replace(before, more)
+            self._instants.exchange(before, more)
+            self._keyframe = more
+        logger.debug("keyframe %d has gathered %d edges", more.index, more.gathered)
 
     def _renew_keyframe(self) -> None:
         """Move the parts of the keyframe, where more is known by now of when they were taken."""
@@ -1023,7 +1048,7 @@ class Odometry:
         if self.config.status.sudden_change == "ignore":
             return
         assert self._keyframe is not None
-        age = timestamp - self._keyframe.timestamp
+        age = timestamp - max(self._keyframe.timestamp, self._keyframe.gathered_at)
         if 0 <= age < JUST_NOW_S and self._judge.fits_poorly(alignment):
             self._doubt_time, self._doubt = timestamp, CHANGED
 

@@ -91,6 +91,8 @@ VARIANTS = (
     ),
     Variant("keyframe: placed by the last one alone", ("keyframes.window=1",)),
     Variant("keyframe: placed by the last ones together", ("keyframes.window=5",)),
+    Variant("keyframe: gives way where light has changed", ("keyframes.gather_share=0",)),
+    Variant("keyframe: gathers edges where light has changed", ("keyframes.gather_share=0.33",)),
     Variant("keyframe: earlier where well constrained", ("keyframes.early_share=0.67",)),
     Variant("depth: at the instant of colour", ("motion.depth_delay=none",)),
     Variant("depth: at the instant of its stamp", ("motion.depth_delay=stamps",)),
