@@ -14,10 +14,16 @@ LENS = problems.LENS
 
 
 def gradients_of(grey, config):
-    smooth = grey
+    """By OpenCV: of whole grey levels to the bit, of finer ones where none lies between two."""
+    smooth, steps = grey, config.grey_steps
+    if steps > 1:
+        smooth = smooth.astype(np.float32) * steps
     if config.blur_px:
-        smooth = cv2.GaussianBlur(grey, (config.blur_px, config.blur_px), 0)
-    return smooth, cv2.Sobel(smooth, cv2.CV_16S, 1, 0), cv2.Sobel(smooth, cv2.CV_16S, 0, 1)
+        smooth = cv2.GaussianBlur(smooth, (config.blur_px, config.blur_px), 0)
+    if steps > 1:
+        smooth = np.floor(smooth + 0.5) if config.blur_px == 5 else np.rint(smooth)
+    slopes = [cv2.Sobel(smooth, cv2.CV_32F, *order) for order in ((1, 0), (0, 1))]
+    return smooth, *(slope.astype(np.int16) for slope in slopes)
 
 
 def pixels_of(edges):
@@ -37,17 +43,19 @@ def step(angle_deg, shape=(200, 200), low=50, high=180):
 
 
 @pytest.mark.parametrize("blur", [0, 3, 5, 9])
+@pytest.mark.parametrize("steps", [1, 2, 8])
 @pytest.mark.parametrize(
     ("low", "high"), [(20.0, 40.0), (50.9, 100.5), (150.0, 300.0), (100.0, 50.0)]
 )
-def test_canny_is_that_of_opencv_on_the_same_gradients(blur, low, high):
+def test_canny_is_that_of_opencv_on_the_same_gradients(blur, steps, low, high):
     grey = problems.drawn_image(np.random.default_rng(0))
-    config = EdgesConfig(blur_px=blur, low=low, high=high, strong_share=0)
+    config = EdgesConfig(blur_px=blur, low=low, high=high, strong_share=0, grey_steps=steps)
     edges = extract_edges(grey, config)
     _, du, dv = gradients_of(grey, config)
     np.testing.assert_array_equal(edges.du, du)
     np.testing.assert_array_equal(edges.dv, dv)
-    np.testing.assert_array_equal(edges.index, np.flatnonzero(cv2.Canny(du, dv, low, high)))
+    mask = cv2.Canny(du, dv, steps * low, steps * high)
+    np.testing.assert_array_equal(edges.index, np.flatnonzero(mask))
     assert edges.index.dtype == np.int32
     assert len(edges) > 100
 
@@ -111,10 +119,10 @@ def test_the_quantile_of_the_gradients_is_that_of_numpy():
     dv = rng.normal(0, 60, (48, 64)).astype(np.int16)
     strength = np.abs(du[2::4, 2::4].astype(int)) + np.abs(dv[2::4, 2::4])
     for share in (0.05, 0.1, 0.5, 0.9):
-        value = kernels.strength_quantile(du, dv, share, 4)
+        value = kernels.strength_quantile(du, dv, share, 4, 4095)
         assert np.count_nonzero(strength > value) <= share * strength.size
         assert np.count_nonzero(strength >= value) > share * strength.size
-    assert kernels.strength_quantile(np.zeros_like(du), np.zeros_like(dv), 0.1, 4) == 0
+    assert kernels.strength_quantile(np.zeros_like(du), np.zeros_like(dv), 0.1, 4, 4095) == 0
 
 
 def test_thresholds_follow_the_image_within_bounds():
@@ -187,10 +195,11 @@ def test_thresholds_of_sobel_and_dog():
     grey = step(30, low=100, high=130)
     strict = EdgesConfig(extractor="sobel", sobel_threshold=1000)
     assert len(extract_edges(grey, strict)) == 0
-    _, du, dv = gradients_of(grey, EdgesConfig())
-    config = EdgesConfig(extractor="sobel", sobel_threshold=30)
-    expected = np.flatnonzero(np.abs(du.astype(int)) + np.abs(dv) > 30)
-    np.testing.assert_array_equal(extract_edges(grey, config).index, expected)
+    for steps in (1, 8):
+        config = EdgesConfig(extractor="sobel", sobel_threshold=30, grey_steps=steps)
+        _, du, dv = gradients_of(grey, config)
+        expected = np.flatnonzero(np.abs(du.astype(int)) + np.abs(dv) > 30 * steps)
+        np.testing.assert_array_equal(extract_edges(grey, config).index, expected)
     faint = EdgesConfig(extractor="dog", dog_contrast=0.5)
     plain = EdgesConfig(extractor="dog", dog_contrast=50)
     assert len(extract_edges(grey, plain)) == 0 < len(extract_edges(grey, faint))

@@ -907,6 +907,25 @@ def test_splat_depth(camera, seed):
 # ------------------------------------------------------------------------------------- evidence
 
 
+@pytest.mark.parametrize("shape", [(480, 640), (3, 3), (4, 9), (11, 3)])
+@pytest.mark.parametrize("bits", [8, 7, 5])
+def test_blurred_gradients(rng, shape, bits):
+    grey = rng.integers(0, 256, shape, np.uint8)
+    grey[:1], grey[-1:] = 0, 255  # as steep as can be
+    du, dv = np.full((2, *shape), 77, np.int16)
+    _, expected = both(
+        "blurred_gradients",
+        lambda: kernels.blurred_gradients(grey, np.int32(bits), du, dv),
+        lambda: twins.blurred_gradients(grey, bits),
+    )
+    np.testing.assert_array_equal(du, expected[0])
+    np.testing.assert_array_equal(dv, expected[1])
+    if bits == 8:  # whole grey levels: OpenCV's, to the bit
+        smooth = cv2.GaussianBlur(grey, (5, 5), 0)
+        np.testing.assert_array_equal(du, cv2.Sobel(smooth, cv2.CV_16S, 1, 0))
+        np.testing.assert_array_equal(dv, cv2.Sobel(smooth, cv2.CV_16S, 0, 1))
+
+
 def test_judge_matches(rng):
     matches = rng.integers(-1, 50, 400).astype(np.int32)
     matches[:100] = -1

@@ -715,6 +715,21 @@ def depth_equations(planes, points, camera, T, term, sigma, scale):
     return scale * J.T @ (w[:, None] * J), scale * J.T @ (w * r)
 
 
+# --------------------------------------------------------------------------------------- blur
+
+
+def blurred_gradients(grey, bits):
+    """Sobel's gradients of an image blurred by binomials, of which so many bits are rounded."""
+    wide = np.pad(grey.astype(int), 2, mode="reflect")
+    weights, (height, width) = (1, 4, 6, 4, 1), grey.shape
+    sums = sum(w * wide[i : i + height] for i, w in enumerate(weights))
+    total = sum(w * sums[:, i : i + width] for i, w in enumerate(weights))
+    smooth = np.pad(np.floor(total / 2**bits + 0.5).astype(int), 1, mode="reflect")
+    across, down = smooth[:, 2:] - smooth[:, :-2], smooth[2:] - smooth[:-2]
+    du = across[:-2] + 2 * across[1:-1] + across[2:]
+    return du, down[:, :-2] + 2 * down[:, 1:-1] + down[:, 2:]
+
+
 # -------------------------------------------------------------------------------- other places
 
 

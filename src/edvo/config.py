@@ -40,6 +40,11 @@ class EdgesConfig(Section):
     extractor: Literal["canny", "sobel", "dog"] = Field(
         default="canny", description="which edges; the paper compares the three and takes Canny"
     )
+    grey_steps: Literal[1, 2, 4, 8] = Field(
+        default=8,
+        description="a grey level of the blurred image is parted into so many steps, so that faint "
+        "edges are not displaced by its rounding. Not in the paper",
+    )
     blur_px: Annotated[int, Field(ge=0, le=31)] = Field(
         default=5, description="size of the Gaussian kernel before the gradient, odd; 0 for none"
     )
@@ -604,7 +609,7 @@ class Config(Section):
 PRESETS: dict[str, dict[str, Any]] = {
     "default": {},
     "paper": {
-        "edges": {"strong_share": 0.0, "position": "pixel"},
+        "edges": {"strong_share": 0.0, "position": "pixel", "grey_steps": 1},
         "planes": {
             "weight": 0.0,
             "alone_share": 0.0,

@@ -4,6 +4,7 @@ The paper takes Canny, because non-maximum suppression and two thresholds find t
 under different light; the two extractors that it is compared with are here as well, by name.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -16,8 +17,9 @@ from edvo.camera import Camera
 from edvo.config import EdgesConfig
 
 DOG_RATIO = 1.6  # of the two Gaussians: nearest to the Laplacian of a Gaussian (Marr 1980)
+BINOMIAL_PX, BINOMIAL_BITS = 5, 8  # the blur that a kernel does, and the bits that it adds
 QUANTILE_STEP_PX = 4  # a sixteenth of the pixels tells the quantile of their gradients
-STRONGEST = 2**14  # more than |du| + |dv| of eight bits can be: a threshold that marks nothing
+STRONGEST = 2**14  # more than |du| + |dv| can be, in eighths: a threshold that marks nothing
 NO_TABLE = np.empty((0, 0, 2), np.float32)
 NO_TABLE.setflags(write=False)  # as Camera.undistortion_table: else its kernel compiles twice
 
@@ -106,7 +108,7 @@ class EdgeImage:
     index : ndarray of int32, shape (N,)
         Flat indices v * width + u of the edge pixels, ascending.
     du, dv : ndarray of int16, shape (H, W)
-        Sobel gradients.
+        Sobel gradients, in ``EdgesConfig.grey_steps``-ths of a grey level.
     is_fine : bool
         Whether edges are placed between pixels.
     """
@@ -163,7 +165,6 @@ class EdgeBuffers:
     """
 
     def __init__(self, height: int, width: int) -> None:
-        self.smooth = np.empty((height, width), np.uint8)
         self.du = np.empty((height, width), np.int16)
         self.dv = np.empty((height, width), np.int16)
         self.mask = np.empty((height, width), np.uint8)
@@ -189,14 +190,8 @@ def extract_edges(
     EdgeImage
     """
     buffers = buffers or EdgeBuffers(*grey.shape)
-    smooth = grey
-    if config.blur_px:
-        smooth = buffers.smooth
-        grey.max()  # read in order first, an image in far memory is blurred in half the time
-        cv2.GaussianBlur(grey, (config.blur_px, config.blur_px), 0, dst=smooth)
-    # the two Sobel gradients in one pass, to the bit
-    cv2.spatialGradient(smooth, buffers.du, buffers.dv)
-    EXTRACTORS[config.extractor](smooth, config, buffers)
+    slopes(grey, config, buffers)
+    EXTRACTORS[config.extractor](grey, config, buffers)
     index = buffers.room[: kernels.collect_edges(buffers.mask, buffers.room)].copy()
     return EdgeImage(index, buffers.du, buffers.dv, config.position == "vertex")
 
@@ -230,33 +225,64 @@ def depth_at_edges(
     return result
 
 
-def canny(smooth: NDArray[np.uint8], config: EdgesConfig, buffers: EdgeBuffers) -> None:
-    """Edge mask by Canny: non-maximum suppression and two thresholds on ``|du| + |dv|``."""
-    scale = 1.0
-    if config.strong_share:
-        exceeded = kernels.strength_quantile(
-            buffers.du, buffers.dv, config.strong_share, QUANTILE_STEP_PX
+def slopes(grey: NDArray[np.uint8], config: EdgesConfig, buffers: EdgeBuffers) -> None:
+    """Blur an image by a Gaussian, and write Sobel's gradients of that.
+
+    A blurred image is finer than whole grey levels; rounded to these, faint edges are displaced.
+
+    Parameters
+    ----------
+    grey : ndarray of uint8, shape (H, W)
+    config : EdgesConfig
+        ``blur_px``, and ``grey_steps``, in units of which gradients are written.
+    buffers : EdgeBuffers
+        ``du`` and ``dv`` are written.
+    """
+    steps, size = config.grey_steps, (config.blur_px, config.blur_px)
+    if config.blur_px == BINOMIAL_PX and min(grey.shape) > 2:
+        bits = np.int32(BINOMIAL_BITS - (steps.bit_length() - 1))
+        kernels.blurred_gradients(grey, bits, buffers.du, buffers.dv)
+    elif steps == 1:
+        smooth = cv2.GaussianBlur(grey, size, 0) if config.blur_px else grey
+        cv2.spatialGradient(smooth, buffers.du, buffers.dv)
+    else:
+        fine = grey.astype(np.float32) * steps
+        if config.blur_px:
+            fine = np.rint(cv2.GaussianBlur(fine, size, 0))
+        buffers.du[:], buffers.dv[:] = (
+            cv2.Sobel(fine, cv2.CV_32F, *order) for order in ((1, 0), (0, 1))
         )
-        scale = min(max(exceeded / config.high, config.least_scale), 1.0)
-    bounds = sorted((scale * config.low, scale * config.high))
+
+
+def canny(grey: NDArray[np.uint8], config: EdgesConfig, buffers: EdgeBuffers) -> None:
+    """Edge mask by Canny: non-maximum suppression and two thresholds on ``|du| + |dv|``."""
+    scale, steps = 1.0, config.grey_steps
+    if config.strong_share:
+        most = min(math.ceil(steps * config.high), STRONGEST)
+        exceeded = kernels.strength_quantile(
+            buffers.du, buffers.dv, config.strong_share, QUANTILE_STEP_PX, most
+        )
+        scale = min(max(exceeded / (steps * config.high), config.least_scale), 1.0)
+    bounds = sorted((scale * steps * config.low, scale * steps * config.high))
     low, high = (np.int32(min(bound, STRONGEST)) for bound in bounds)
     kernels.canny_edges(buffers.du, buffers.dv, low, high, buffers.mask, buffers.room)
 
 
-def sobel(smooth: NDArray[np.uint8], config: EdgesConfig, buffers: EdgeBuffers) -> None:
+def sobel(grey: NDArray[np.uint8], config: EdgesConfig, buffers: EdgeBuffers) -> None:
     """Edge mask by one threshold on ``|du| + |dv|``: thick edges that come and go."""
-    strength = np.abs(buffers.du) + np.abs(buffers.dv)  # at most 8 x 255: no overflow
-    buffers.mask[:] = strength > config.sobel_threshold
+    strength = np.abs(buffers.du) + np.abs(buffers.dv)  # at most 8 x 8 x 255: no overflow
+    buffers.mask[:] = strength > config.grey_steps * config.sobel_threshold
 
 
 def difference_of_gaussians(
-    smooth: NDArray[np.uint8], config: EdgesConfig, buffers: EdgeBuffers
+    grey: NDArray[np.uint8], config: EdgesConfig, buffers: EdgeBuffers
 ) -> None:
     """Edge mask by zero crossings of a difference of two Gaussians.
 
     A pixel is an edge where the difference changes its sign towards the right or the lower
     neighbour by at least ``dog_contrast``, and lies nearer to zero than that neighbour does.
     """
+    smooth = cv2.GaussianBlur(grey, (config.blur_px,) * 2, 0) if config.blur_px else grey
     image = smooth.astype(np.float32)
     narrow = cv2.GaussianBlur(image, (0, 0), config.dog_sigma_px)
     wide = cv2.GaussianBlur(image, (0, 0), config.dog_sigma_px * DOG_RATIO)

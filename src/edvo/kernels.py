@@ -255,9 +255,12 @@ class Solver(NamedTuple):
 
 
 @compiled
-def strength_quantile(dx: NDArray[np.int16], dy: NDArray[np.int16], share: float, step: int) -> int:
-    """Value of |dx| + |dy| that this share of the pixels exceeds, by every step-th one."""
-    counts = np.zeros(4096, np.int32)
+def strength_quantile(dx: I16, dy: I16, share: float, step: int, most: int) -> int:
+    """Value of |dx| + |dy| that this share of the pixels exceeds, by every step-th one.
+
+    At most ``most``, since what is greater is counted as that.
+    """
+    counts = np.zeros(most + 1, np.int32)
     total = 0
     for v in range(step // 2, dx.shape[0], step):
         for u in range(step // 2, dx.shape[1], step):
@@ -269,6 +272,72 @@ def strength_quantile(dx: NDArray[np.int16], dy: NDArray[np.int16], share: float
         above += counts[value]
         value -= 1
     return value
+
+
+@lean_float
+def sum_columns(a: U8, b: U8, c: U8, d: U8, e: U8, sums: I16) -> None:
+    """Write five rows, weighed 1, 4, 6, 4 and 1, behind the first two places."""
+    four, six = np.int32(4), np.int32(6)
+    for u in range(a.size):
+        outer, inner = np.int32(a[u]) + np.int32(e[u]), np.int32(b[u]) + np.int32(d[u])
+        sums[u + 2] = np.int16(
+            np.int32(outer + np.int32(four * np.int32(inner))) + np.int32(six * np.int32(c[u]))
+        )
+
+
+@lean_float
+def blur_row(sums: I16, bits: np.int32, smooth: I16) -> None:
+    """Do the same along a row, rounded to so many bits less, behind the first place."""
+    four, six, half = np.int32(4), np.int32(6), np.int32((np.int32(1) << bits) >> np.int32(1))
+    for u in range(smooth.size - 2):
+        outer = np.int32(np.int32(sums[u]) + np.int32(sums[u + 4]))
+        inner = np.int32(np.int32(sums[u + 1]) + np.int32(sums[u + 3]))
+        total = np.int32(outer + np.int32(four * inner))
+        total = np.int32(total + np.int32(six * np.int32(sums[u + 2])))
+        smooth[u + 1] = np.int16(np.int32(np.int32(total + half) >> bits))
+
+
+@lean_float
+def slope_row(above: I16, here: I16, below: I16, du: I16, dv: I16) -> None:
+    """Write Sobel's gradients of a row, which stands behind the first place of each."""
+    for u in range(du.size):
+        a, b, c = above[u], above[u + 1], above[u + 2]
+        d, f = here[u], here[u + 2]
+        g, h, i = below[u], below[u + 1], below[u + 2]
+        du[u] = np.int16(
+            np.int16(np.int16(c - a) + np.int16(i - g)) + np.int16(np.int16(f - d) * np.int16(2))
+        )
+        dv[u] = np.int16(
+            np.int16(np.int16(g - a) + np.int16(i - c)) + np.int16(np.int16(h - b) * np.int16(2))
+        )
+
+
+@compiled
+def blurred_gradients(grey: U8, bits: np.int32, du: I16, dv: I16) -> None:
+    """Blur an image with 1, 4, 6, 4 and 1 along columns and rows, and write Sobel's gradients.
+
+    In one pass, row by row. Of the 256 steps that a grey level then has all but so many bits stay.
+    Beyond the borders the image is mirrored about its outermost pixels. It has three rows and
+    columns at least.
+    """
+    height, width = grey.shape
+    sums, rows = np.empty(width + 4, np.int16), np.empty((3, width + 2), np.int16)
+    for row in range(height + 1):
+        if row < height:
+            above, below = abs(row - 1), height - 1 - abs(height - 2 - row)
+            top, bottom = abs(row - 2), height - 1 - abs(height - 3 - row)
+            sum_columns(grey[top], grey[above], grey[row], grey[below], grey[bottom], sums)
+            sums[0], sums[1] = sums[4], sums[3]
+            sums[width + 2], sums[width + 3] = sums[width], sums[width - 1]
+            smooth = rows[row % 3]
+            blur_row(sums, bits, smooth)
+            smooth[0], smooth[width + 1] = smooth[2], smooth[width - 1]
+        if row > 0:
+            before = abs(row - 2)
+            after = row if row < height else height - 2
+            slope_row(
+                rows[before % 3], rows[(row - 1) % 3], rows[after % 3], du[row - 1], dv[row - 1]
+            )
 
 
 @lean_float

@@ -27,6 +27,8 @@ VARIANTS = (
     Variant("edges: Canny 30/60", ("edges.low=30", "edges.high=60")),
     Variant("edges: Canny 50/100", ("edges.low=50", "edges.high=100")),
     Variant("edges: no blur", ("edges.blur_px=0",)),
+    Variant("edges: of a blur in whole grey levels", ("edges.grey_steps=1",)),
+    Variant("edges: of a blur in eighths of grey levels", ("edges.grey_steps=8",)),
     Variant("edges: fixed thresholds", ("edges.strong_share=0",)),
     Variant("edges: thresholds that follow the image", ("edges.strong_share=0.1",)),
     Variant("edges: at whole pixels", ("edges.position=pixel",)),
