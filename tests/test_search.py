@@ -178,7 +178,7 @@ def test_of_edges_only_those_in_view_have_to_be_explained(began):
     odometry, _, _ = began
     key, search = odometry._keyframe, odometry._search
     same = search._register(key, key.samples, key.points, np.eye(4))
-    assert search._explained(same, key.samples) > 0.99
+    assert search._explained(same, key.samples, key.edges) > 0.99
     half = se3.exp(np.array([0.0, 0.0, 0.0, 0.0, np.radians(25.0), 0.0]))  # half a view aside
     residuals = np.zeros(len(key.samples))
     camera = odometry.camera
@@ -186,8 +186,11 @@ def test_of_edges_only_those_in_view_have_to_be_explained(began):
     u = camera.fx * points[:, 0] / points[:, 2] + camera.cx
     residuals[u >= camera.width - 1] = 9.0
     aside = replace(same, T_ref_cur=half, residuals=residuals)
-    assert np.isclose(search._explained(aside, key.samples), 1.0)
-    assert search._explained(replace(aside, residuals=residuals + 9.0), key.samples) == 0.0
+    assert np.isclose(search._explained(aside, key.samples, key.edges), 1.0)
+    worse = replace(aside, residuals=residuals + 9.0)
+    assert search._explained(worse, key.samples, key.edges) == 0.0
+    dark = replace(key.samples, gradients=-key.samples.gradients)  # turned round: another's
+    assert search._explained(aside, dark, key.edges) == 0.0
 
 
 @pytest.mark.parametrize(("worth", "is_found"), [(0.9, False), (0.3, True)])

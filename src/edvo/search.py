@@ -17,7 +17,7 @@ from edvo.keyframes import Keyframe, KeyframeStore
 from edvo.look import Look
 from edvo.matching import EdgeIndex
 from edvo.planes import DepthTerm, PlaneFitter, PlaneMap, PlanePoints, thinned
-from edvo.registration import FAILURES, Alignment, Registration
+from edvo.registration import AGREEING, FAILURES, Alignment, Registration
 from edvo.status import Judge, agreement
 
 STRIDE = 4  # a search takes one sample in so many
@@ -30,7 +30,7 @@ MORE = 6  # guesses taken where a registration is in doubt or a far step has led
 GLANCES = 12  # guesses registered for a lost camera, of all its starts together
 ELSE_M, ELSE_RAD = 0.05, math.radians(1.5)  # guesses nearer to each other lead to the same place
 DOUBTS = (1.0, 0.3, 0.1)  # times that of depth, where it may be out of step
-LEAST_FIT, FAR_FIT = 0.6, 0.3  # of the edges in view, both ways: less is no place at all
+LEAST_FIT, FAR_FIT = 0.6, 0.15  # of the edges in view, both ways: chance makes 0.07
 SHARPNESS = 8  # a few more edges explained outweigh much of a way
 RIVAL = 0.6  # of the best fit: a place that fits so well cannot be told from it
 RIVALS = 3  # that are followed at most
@@ -370,7 +370,8 @@ class Search:
             back = self._registration.align(
                 hunt.edges, key.samples, T_cur_key[None], hunt.planes, key.points, hunt.term
             )
-            fit = self._explained(found, seen.samples) * self._explained(back, key.samples)
+            fit = self._explained(found, seen.samples, key.edges)
+            fit *= self._explained(back, key.samples, hunt.edges)
             if fit < hunt.least_fit or hunt.away(T_world_cam) > hunt.farthest:
                 continue
             both_ways = _is_loop(found, back)
@@ -381,8 +382,8 @@ class Search:
             places.append(_Place(worth, T_world_cam, key, found, agreed, both_ways))
         return _distinct(places)
 
-    def _explained(self, alignment: Alignment, samples: EdgePixels) -> float:
-        """Share of the edges which the other camera has in view that it sees, too."""
+    def _explained(self, alignment: Alignment, samples: EdgePixels, others: EdgeIndex) -> float:
+        """Share of the edges which the other camera has in view that it sees, turned alike."""
         camera, T = self._camera, alignment.T_ref_cur
         points = samples.points(camera) @ T[:3, :3].T + T[:3, 3]
         z = np.maximum(points[:, 2], 1e-6)
@@ -390,6 +391,8 @@ class Search:
         ahead = points[:, 2] > 1e-6
         inside = ahead & (u > 0) & (v > 0) & (u < camera.width - 1) & (v < camera.height - 1)
         fits = np.abs(alignment.residuals) < self._config.status.inlier_px
+        matched = others.edges.gradients[np.maximum(alignment.matches, 0)]
+        fits &= (matched * samples.gradients).sum(axis=1) > AGREEING
         in_view = int(np.count_nonzero(inside))
         if alignment.reason in FAILURES or in_view < self._config.registration.min_matches:
             return 0.0
