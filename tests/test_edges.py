@@ -21,7 +21,7 @@ def gradients_of(grey, config):
     if config.blur_px:
         smooth = cv2.GaussianBlur(smooth, (config.blur_px, config.blur_px), 0)
     if steps > 1:
-        smooth = np.floor(smooth + 0.5) if config.blur_px == 5 else np.rint(smooth)
+        smooth = np.floor(smooth + 0.5)
     slopes = [cv2.Sobel(smooth, cv2.CV_32F, *order) for order in ((1, 0), (0, 1))]
     return smooth, *(slope.astype(np.int16) for slope in slopes)
 

@@ -217,6 +217,42 @@ def test_a_keyframe_outlasts_a_change_of_light():
     assert {r.status for r in results[9:] if r.reason != CHANGED} <= {Status.TRACKED}
 
 
+def test_what_is_held_of_the_keyframe_stays_its_own():
+    frames, _ = in_two_lights(10)
+    odometry, _ = follow(frames)
+    held = odometry._instants._held
+    assert held.keyframe is odometry._keyframe
+    assert odometry._keyframe.gathered
+    np.testing.assert_array_equal(held.depth, frames[0].depth)
+
+
+def test_a_result_tells_where_gathered_edges_lie():
+    odometry, results = follow(in_two_lights()[0])
+    key = odometry._keyframe
+    matched = results[9].alignment.matches
+    assert np.count_nonzero(matched >= len(key.edges) - key.gathered) > 100
+    wanted = key.edges.edges.pixels[matched[matched >= 0]]
+    np.testing.assert_array_equal(results[9].alignment.references[matched >= 0], wanted)
+
+
+def test_one_that_gathers_and_serves_no_better_gives_way(monkeypatch):
+    monkeypatch.setattr("edvo.odometry.gather", nothing_new)
+    frames, _ = in_two_lights(14)
+    _, results = follow(frames)
+    assert [r.index for r in results if r.is_keyframe][:2] == [0, 9]
+
+
+def nothing_new(keyframe, edges, T_key_cur, timestamp, registration, camera):
+    return replace(keyframe, gathered_at=timestamp)
+
+
+def test_a_far_step_is_not_gathered():
+    frames, _ = in_two_lights(10)
+    late = [replace(f, timestamp=f.timestamp + 0.5 * (k >= 8)) for k, f in enumerate(frames)]
+    odometry, _ = follow(late)
+    assert not odometry._keyframe.gathered
+
+
 def test_without_it_each_change_makes_a_keyframe():
     frames, _ = in_two_lights()
     odometry, results = follow(frames, "keyframes.gather_share=0")

@@ -191,6 +191,7 @@ def test_of_edges_only_those_in_view_have_to_be_explained(began):
     assert search._explained(worse, key.samples, key.edges) == 0.0
     dark = replace(key.samples, gradients=-key.samples.gradients)  # turned round: another's
     assert search._explained(aside, dark, key.edges) == 0.0
+    assert np.isclose(search._explained(aside, dark), 1.0)
 
 
 @pytest.mark.parametrize(("worth", "is_found"), [(0.9, False), (0.3, True)])

@@ -7,6 +7,7 @@ under different light; the two extractors that it is compared with are here as w
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar, cast
 
 import cv2
 import numpy as np
@@ -20,6 +21,7 @@ DOG_RATIO = 1.6  # of the two Gaussians: nearest to the Laplacian of a Gaussian 
 BINOMIAL_PX, BINOMIAL_BITS = 5, 8  # the blur that a kernel does, and the bits that it adds
 QUANTILE_STEP_PX = 4  # a sixteenth of the pixels tells the quantile of their gradients
 STRONGEST = 2**14  # more than |du| + |dv| can be, in eighths: a threshold that marks nothing
+Grey = TypeVar("Grey", np.uint8, np.float32)
 NO_TABLE = np.empty((0, 0, 2), np.float32)
 NO_TABLE.setflags(write=False)  # as Camera.undistortion_table: else its kernel compiles twice
 
@@ -225,6 +227,13 @@ def depth_at_edges(
     return result
 
 
+def blurred(image: NDArray[Grey], config: EdgesConfig) -> NDArray[Grey]:
+    """Blur an image by OpenCV, as wide as ``config.blur_px`` says, of its own type."""
+    if not config.blur_px:
+        return image
+    return cast(NDArray[Grey], cv2.GaussianBlur(image, (config.blur_px, config.blur_px), 0))
+
+
 def slopes(grey: NDArray[np.uint8], config: EdgesConfig, buffers: EdgeBuffers) -> None:
     """Blur an image by a Gaussian, and write Sobel's gradients of that.
 
@@ -238,17 +247,14 @@ def slopes(grey: NDArray[np.uint8], config: EdgesConfig, buffers: EdgeBuffers) -
     buffers : EdgeBuffers
         ``du`` and ``dv`` are written.
     """
-    steps, size = config.grey_steps, (config.blur_px, config.blur_px)
+    steps = config.grey_steps
     if config.blur_px == BINOMIAL_PX and min(grey.shape) > 2:
         bits = np.int32(BINOMIAL_BITS - (steps.bit_length() - 1))
         kernels.blurred_gradients(grey, bits, buffers.du, buffers.dv)
     elif steps == 1:
-        smooth = cv2.GaussianBlur(grey, size, 0) if config.blur_px else grey
-        cv2.spatialGradient(smooth, buffers.du, buffers.dv)
+        cv2.spatialGradient(blurred(grey, config), buffers.du, buffers.dv)
     else:
-        fine = grey.astype(np.float32) * steps
-        if config.blur_px:
-            fine = np.rint(cv2.GaussianBlur(fine, size, 0))
+        fine = np.floor(blurred(grey.astype(np.float32) * steps, config) + 0.5)
         buffers.du[:], buffers.dv[:] = (
             cv2.Sobel(fine, cv2.CV_32F, *order) for order in ((1, 0), (0, 1))
         )
@@ -282,8 +288,7 @@ def difference_of_gaussians(
     A pixel is an edge where the difference changes its sign towards the right or the lower
     neighbour by at least ``dog_contrast``, and lies nearer to zero than that neighbour does.
     """
-    smooth = cv2.GaussianBlur(grey, (config.blur_px,) * 2, 0) if config.blur_px else grey
-    image = smooth.astype(np.float32)
+    image = blurred(grey, config).astype(np.float32)
     narrow = cv2.GaussianBlur(image, (0, 0), config.dog_sigma_px)
     wide = cv2.GaussianBlur(image, (0, 0), config.dog_sigma_px * DOG_RATIO)
     dog = narrow - wide

@@ -50,8 +50,8 @@ class FrontEnd:
         self._camera, self._config, self._clock = camera, config, clock
         self._registration, self._fitter = registration, fitter
         self._buffers = EdgeBuffers(camera.height, camera.width)
-        # to keep a depth image in: new memory costs more than the copy
-        self._depth = np.empty((camera.height, camera.width), np.float32)
+        # to keep depth images in: new memory costs more than the copy
+        self._depth, self._aside = np.empty((2, camera.height, camera.width), np.float32)
 
     def see(
         self,
@@ -99,19 +99,21 @@ class FrontEnd:
             )
         return Seen(frame, edges, samples, points, T_cam_depth, fine)
 
-    def keep(self, seen: Seen) -> Seen:
+    def keep(self, seen: Seen, *, aside: bool = False) -> Seen:
         """Copy the depth of what was seen, since its owner may write the next one to its memory.
 
         Parameters
         ----------
         seen : Seen
+        aside : bool
+            Whether it is kept beside that of a keyframe, and not in its place.
 
         Returns
         -------
         Seen
-            Its depth lasts until the next one is kept.
+            Its depth lasts until the next one is kept there.
         """
-        return replace(seen, frame=with_depth(seen.frame, self._depth))
+        return replace(seen, frame=with_depth(seen.frame, self._aside if aside else self._depth))
 
     def edges_with_depth(self, seen: Seen) -> EdgePixels:
         """Describe all edges of what was seen last that have depth.

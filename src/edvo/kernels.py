@@ -440,8 +440,8 @@ def canny_edges(du: I16, dv: I16, low: np.int32, high: np.int32, marks: U8, room
 
     In less time, above all where there are many: that one asks pixel by pixel, and starts from
     each strong one; here all are thinned alike, and only weak ones ask for a strong one beside
-    them. Gradients are those of an image of eight bits: |du| + |dv| stays below 2^15. ``marks``
-    becomes 255 on edges, else 0; ``room`` to work in is for two entries a pixel.
+    them. Gradients are those of an image of eleven bits at most: |du| + |dv| stays below 2^15.
+    ``marks`` becomes 255 on edges, else 0; ``room`` to work in is for two entries a pixel.
     """
     height, width = du.shape
     rows = np.zeros((3, width + 2), np.int16)
@@ -558,7 +558,7 @@ def gather_gradients(index: I32, dx: I16, dy: I16, before: F32, middle: F32, aft
                 a += across[j - along] * gu + down[j - along] * gv
                 b += across[j] * gu + down[j] * gv
                 c += across[j + along] * gu + down[j + along] * gv
-            before[k], middle[k], after[k] = a, b, c  # whole numbers below 2^24: exact
+            before[k], middle[k], after[k] = a, b, c  # of whole grey levels exact, else to 6e-8
 
 
 @compiled

@@ -779,12 +779,15 @@ class Odometry:
         if rule.early_share < 1 and covariance is not None:
             better = self._information.is_better(covariance, period)
         due = self._anchor is None and is_due(rule, T_key_cur, share, age, well_placed=better)
-        gathers = due and still is None and may_gather(rule, keyframe, T_key_cur, share)
+        # One that gathered the last frame's, and serves no better, gives way.
+        gathers = due and follows and still is None
+        gathers = gathers and timestamp - keyframe.gathered_at > 1.5 * period
+        gathers = gathers and may_gather(rule, keyframe, T_key_cur, share)
         together = rule.window > 2 and still is None and follows and status is Status.TRACKED
         velocity = self._velocity if follows else None
         if gathers:
-            kept, due = self._front_end.keep(seen), False
-            self._due = _Due(kept, self._count, velocity, T_key_cur=T_key_cur)
+            kept, due = self._front_end.keep(seen, aside=True), False
+            self._due = _Due(kept, self._count, velocity, T_key_cur=T_key_cur.copy())
         elif due:
             placed_by = covariance if together else None
             if placed_by is not None:
@@ -1048,7 +1051,8 @@ class Odometry:
         if self.config.status.sudden_change == "ignore":
             return
         assert self._keyframe is not None
-        age = timestamp - max(self._keyframe.timestamp, self._keyframe.gathered_at)
+        key = self._keyframe
+        age = timestamp - (key.gathered_at if key.gathered else key.timestamp)
         if 0 <= age < JUST_NOW_S and self._judge.fits_poorly(alignment):
             self._doubt_time, self._doubt = timestamp, CHANGED
 

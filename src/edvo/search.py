@@ -370,8 +370,9 @@ class Search:
             back = self._registration.align(
                 hunt.edges, key.samples, T_cur_key[None], hunt.planes, key.points, hunt.term
             )
-            fit = self._explained(found, seen.samples, key.edges)
-            fit *= self._explained(back, key.samples, hunt.edges)
+            of, back_of = (None, None) if hunt.must_be_sure else (key.edges, hunt.edges)
+            fit = self._explained(found, seen.samples, of)
+            fit *= self._explained(back, key.samples, back_of)
             if fit < hunt.least_fit or hunt.away(T_world_cam) > hunt.farthest:
                 continue
             both_ways = _is_loop(found, back)
@@ -382,8 +383,13 @@ class Search:
             places.append(_Place(worth, T_world_cam, key, found, agreed, both_ways))
         return _distinct(places)
 
-    def _explained(self, alignment: Alignment, samples: EdgePixels, others: EdgeIndex) -> float:
-        """Share of the edges which the other camera has in view that it sees, turned alike."""
+    def _explained(
+        self, alignment: Alignment, samples: EdgePixels, turned_as: EdgeIndex | None = None
+    ) -> float:
+        """Share of the edges which the other camera has in view that it sees.
+
+        Turned as those of its own are, where it is given these.
+        """
         camera, T = self._camera, alignment.T_ref_cur
         points = samples.points(camera) @ T[:3, :3].T + T[:3, 3]
         z = np.maximum(points[:, 2], 1e-6)
@@ -391,8 +397,9 @@ class Search:
         ahead = points[:, 2] > 1e-6
         inside = ahead & (u > 0) & (v > 0) & (u < camera.width - 1) & (v < camera.height - 1)
         fits = np.abs(alignment.residuals) < self._config.status.inlier_px
-        matched = others.edges.gradients[np.maximum(alignment.matches, 0)]
-        fits &= (matched * samples.gradients).sum(axis=1) > AGREEING
+        if turned_as is not None:
+            matched = turned_as.edges.gradients[np.maximum(alignment.matches, 0)]
+            fits &= (matched * samples.gradients).sum(axis=1) > AGREEING
         in_view = int(np.count_nonzero(inside))
         if alignment.reason in FAILURES or in_view < self._config.registration.min_matches:
             return 0.0
