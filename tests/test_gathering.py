@@ -17,6 +17,7 @@ from edvo.matching import Criterion, EdgeIndex
 from edvo.odometry import CHANGED, Odometry, Status
 from edvo.planes import PlaneFitter, camera_of
 from edvo.registration import Registration
+from edvo.report.warmup import warm_up
 
 from . import problems, twins
 
@@ -251,6 +252,16 @@ def test_a_far_step_is_not_gathered():
     late = [replace(f, timestamp=f.timestamp + 0.5 * (k >= 8)) for k, f in enumerate(frames)]
     odometry, _ = follow(late)
     assert not odometry._keyframe.gathered
+
+
+def test_nothing_is_left_to_be_compiled_when_light_changes():
+    warm_up(Config())
+    used = kernels.carry_edges, kernels.match_in_grid, kernels.blurred_gradients
+    before = [len(kernel.signatures) for kernel in used]
+    assert min(before) > 0
+    odometry, _ = follow(in_two_lights(10)[0])
+    assert odometry._keyframe.gathered
+    assert [len(kernel.signatures) for kernel in used] == before
 
 
 def test_without_it_each_change_makes_a_keyframe():

@@ -1,5 +1,6 @@
 """Compiling the tracker by tracking a little."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -10,7 +11,9 @@ from edvo.camera import Camera
 from edvo.config import Config
 from edvo.edges import depth_at_edges, extract_edges
 from edvo.frame import Frame, register_depth
+from edvo.gathering import carried, unknown
 from edvo.look import Look
+from edvo.matching import EdgeIndex
 from edvo.odometry import Odometry
 from edvo.planes import camera_of
 from edvo.rolling import unroll
@@ -66,6 +69,9 @@ def warm_up(config: Config) -> None:
     depths = depth_at_edges(frame.depth, edges.index, config.edges)
     described = edges.describe(camera)
     unroll(described, np.zeros(len(edges)), np.zeros(6), camera_of(camera), depths)
+    # and a lamp that moves, whose edges a keyframe gathers
+    with_depth = replace(described, depths=depths)
+    unknown(EdgeIndex(described), carried(with_depth, np.eye(4), camera), camera)
     # and what a lost camera asks for
     look = Look(described, camera)
     look.likeness(look)
