@@ -21,7 +21,7 @@ DOG_RATIO = 1.6  # of the two Gaussians: nearest to the Laplacian of a Gaussian 
 BINOMIAL_PX, BINOMIAL_BITS = 5, 8  # the blur that a kernel does, and the bits that it adds
 QUANTILE_STEP_PX = 4  # a sixteenth of the pixels tells the quantile of their gradients
 STRONGEST = 2**14  # more than |du| + |dv| can be, in eighths: a threshold that marks nothing
-Grey = TypeVar("Grey", np.uint8, np.float32)
+_Grey = TypeVar("_Grey", np.uint8, np.float32)
 NO_TABLE = np.empty((0, 0, 2), np.float32)
 NO_TABLE.setflags(write=False)  # as Camera.undistortion_table: else its kernel compiles twice
 
@@ -227,11 +227,11 @@ def depth_at_edges(
     return result
 
 
-def blurred(image: NDArray[Grey], config: EdgesConfig) -> NDArray[Grey]:
+def _blurred(image: NDArray[_Grey], config: EdgesConfig) -> NDArray[_Grey]:
     """Blur an image by OpenCV, as wide as ``config.blur_px`` says, of its own type."""
     if not config.blur_px:
         return image
-    return cast(NDArray[Grey], cv2.GaussianBlur(image, (config.blur_px, config.blur_px), 0))
+    return cast(NDArray[_Grey], cv2.GaussianBlur(image, (config.blur_px, config.blur_px), 0))
 
 
 def slopes(grey: NDArray[np.uint8], config: EdgesConfig, buffers: EdgeBuffers) -> None:
@@ -252,9 +252,9 @@ def slopes(grey: NDArray[np.uint8], config: EdgesConfig, buffers: EdgeBuffers) -
         bits = np.int32(BINOMIAL_BITS - (steps.bit_length() - 1))
         kernels.blurred_gradients(grey, bits, buffers.du, buffers.dv)
     elif steps == 1:
-        cv2.spatialGradient(blurred(grey, config), buffers.du, buffers.dv)
+        cv2.spatialGradient(_blurred(grey, config), buffers.du, buffers.dv)
     else:
-        fine = np.floor(blurred(grey.astype(np.float32) * steps, config) + 0.5)
+        fine = np.floor(_blurred(grey.astype(np.float32) * steps, config) + 0.5)
         buffers.du[:], buffers.dv[:] = (
             cv2.Sobel(fine, cv2.CV_32F, *order) for order in ((1, 0), (0, 1))
         )
@@ -288,7 +288,7 @@ def difference_of_gaussians(
     A pixel is an edge where the difference changes its sign towards the right or the lower
     neighbour by at least ``dog_contrast``, and lies nearer to zero than that neighbour does.
     """
-    image = blurred(grey, config).astype(np.float32)
+    image = _blurred(grey, config).astype(np.float32)
     narrow = cv2.GaussianBlur(image, (0, 0), config.dog_sigma_px)
     wide = cv2.GaussianBlur(image, (0, 0), config.dog_sigma_px * DOG_RATIO)
     dog = narrow - wide

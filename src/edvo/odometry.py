@@ -779,9 +779,9 @@ class Odometry:
         if rule.early_share < 1 and covariance is not None:
             better = self._information.is_better(covariance, period)
         due = self._anchor is None and is_due(rule, T_key_cur, share, age, well_placed=better)
-        # One that gathered the last frame's, and serves no better, gives way.
-        gathers = due and follows and still is None
-        gathers = gathers and timestamp - keyframe.gathered_at > 1.5 * period
+        # one that has gathered the last frame's edges, and serves no better, gives way
+        fresh = timestamp - keyframe.gathered_at > 1.5 * period
+        gathers = due and fresh and follows and still is None
         gathers = gathers and may_gather(rule, keyframe, T_key_cur, share)
         together = rule.window > 2 and still is None and follows and status is Status.TRACKED
         velocity = self._velocity if follows else None

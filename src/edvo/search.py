@@ -30,7 +30,7 @@ MORE = 6  # guesses taken where a registration is in doubt or a far step has led
 GLANCES = 12  # guesses registered for a lost camera, of all its starts together
 ELSE_M, ELSE_RAD = 0.05, math.radians(1.5)  # guesses nearer to each other lead to the same place
 DOUBTS = (1.0, 0.3, 0.1)  # times that of depth, where it may be out of step
-LEAST_FIT, FAR_FIT = 0.6, 0.15  # of the edges in view, both ways: chance makes 0.07
+LEAST_FIT, FAR_FIT = 0.6, 0.15  # of the edges in view, both ways: chance a quarter each way
 SHARPNESS = 8  # a few more edges explained outweigh much of a way
 RIVAL = 0.6  # of the best fit: a place that fits so well cannot be told from it
 RIVALS = 3  # that are followed at most
@@ -370,9 +370,10 @@ class Search:
             back = self._registration.align(
                 hunt.edges, key.samples, T_cur_key[None], hunt.planes, key.points, hunt.term
             )
-            of, back_of = (None, None) if hunt.must_be_sure else (key.edges, hunt.edges)
-            fit = self._explained(found, seen.samples, of)
-            fit *= self._explained(back, key.samples, back_of)
+            # those that are sure have been asked how edges are turned
+            there, here = (None, None) if hunt.must_be_sure else (key.edges, hunt.edges)
+            fit = self._explained(found, seen.samples, there)
+            fit *= self._explained(back, key.samples, here)
             if fit < hunt.least_fit or hunt.away(T_world_cam) > hunt.farthest:
                 continue
             both_ways = _is_loop(found, back)
