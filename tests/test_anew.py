@@ -152,7 +152,8 @@ def test_a_piece_is_joined_when_it_sees_what_was_seen_before():
     assert off[joined - 1] > 0.1  # by the guess that it began with
     assert results[joined].status is Status.DEGRADED
     assert Status.LOST not in {result.status for result in results[begun:]}
-    assert max(off[joined:]) < 0.02
+    assert np.median(off[joined:]) < 0.003
+    assert max(off[joined:]) < 0.03  # where it turns back within a frame
     assert results[-1].status is Status.TRACKED
     # What it has seen in between is moved along.
     for key in odometry._store.before(99)._keyframes:

@@ -29,7 +29,10 @@ from .test_witness import CAMERA, STILL, noisy, room
 
 PINHOLE = kernels.Pinhole(535.4, 539.2, 320.1, 247.6, 640, 480)
 FOLLOW = ("status.moving=follow",)
-LATE = "edges.grey_steps=1"  # by whose luck these people are noticed late
+LATE = (
+    "edges.grey_steps=1",
+    "keyframes.edge_scale=1",
+)  # by whose luck these people are noticed late
 
 
 def background() -> Background:
@@ -85,11 +88,11 @@ def others() -> SyntheticSource:
 
 
 def test_where_people_fit_no_longer_the_hall_is_found_in_the_frame(others: SyntheticSource) -> None:
-    away, statuses = errors(others, range(14), LATE)
+    away, statuses = errors(others, range(14), *LATE)
     assert away[7] > 0.1  # gone along with them
     assert away[8:].max() < 0.06
     assert set(statuses[8:]) == {Status.DEGRADED}
-    _, statuses = errors(others, range(14), LATE, *FOLLOW)
+    _, statuses = errors(others, range(14), *LATE, *FOLLOW)
     assert set(statuses[8:]) == {Status.LOST}
 
 
@@ -98,7 +101,7 @@ def test_what_stands_still_is_no_place_unless_the_rest_moves_past_it(
     others: SyntheticSource, share: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Edges that fit no more where nothing moves, or all does, are another place's."""
-    odometry = Odometry(others.camera, Config().with_overrides([LATE]))
+    odometry = Odometry(others.camera, Config().with_overrides(LATE))
     frames = [reading.frame for reading in read_ahead(others, range(9))]
     for index, frame in enumerate(frames):
         assert frame is not None

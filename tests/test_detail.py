@@ -46,8 +46,18 @@ def detail(*overrides, **told):
 
 
 def test_the_usual_is_taken_where_nothing_is_known():
-    assert detail() == usual_detail(Config()) == (1500, False)
-    assert usual_detail(Config.preset("paper")) == (450, False)
+    assert detail()[:2] == usual_detail(Config())[:2] == (1500, False)
+    assert usual_detail(Config.preset("paper")) == (450, False, False, False)
+
+
+def test_faint_edges_count_where_frames_follow_and_the_keyframe_has_some():
+    told = Told()
+    for faint in (False, True):
+        near = worthwhile_detail(Config(), problems.VGA, told, shows_faint=faint)
+        assert (near.is_near, near.is_faint) == (True, faint)
+    usual = usual_detail(Config())
+    assert not usual.is_near
+    assert not usual.is_faint
 
 
 def fine_after_fine(depth_share):
@@ -110,9 +120,9 @@ def noted(shared_px, shared_depth, **changes):
 def test_both_are_told_from_residuals():
     config = Config()
     alone = worthwhile_detail(config, problems.VGA, noted(0.0, 0.0))
-    assert alone == (4500, True)
+    assert alone[:2] == (4500, True)
     together = worthwhile_detail(config, problems.VGA, noted(4 * SIGMA, 0.4))
-    assert together == (1500, False)
+    assert together[:2] == (1500, False)
     assert noted(SIGMA, 0.0).edge_share > noted(SIGMA / 4, 0.0).edge_share > 0.0001
     assert noted(0.0, 0.0).scatter_px == found(np.zeros(1500)).sigma_px > 0
     assert shared_errors().scatter_px == 0
@@ -154,7 +164,7 @@ def test_odd_steps_are_kept():
 def test_it_is_measured_without_the_rules_of_balance():
     rules = {"edge_doubt_rule": "fixed", "depth_doubt_rule": "none"}
     errors = noted(0.0, 0.0, **rules)
-    assert worthwhile_detail(Config(), problems.VGA, errors) == (4500, True)
+    assert worthwhile_detail(Config(), problems.VGA, errors)[:2] == (4500, True)
     assert errors.most == math.inf
     assert errors.px == PlanesConfig().edge_doubt_px
     assert math.isnan(noted(0.0, 0.0, finer="none", **rules).depth_share)

@@ -144,8 +144,9 @@ def test_what_another_light_shows_is_put_where_the_keyframe_would_see_it(scene):
     assert len(edges) == own + more.gathered
     np.testing.assert_array_equal(edges.pixels[:own], key.edges.edges.pixels)
     assert more.planes is key.planes
-    assert more.chamfer is not key.chamfer
-    assert more.look is not key.look
+    assert more.telling is key.telling  # places are told by what it has seen itself
+    assert more.edges_for(near=False) is key.telling
+    assert more.edges_for(near=True) is more.edges
     # what it would have seen itself in that light
     truth = EdgeIndex(scene.edges(np.eye(4)))
     found = truth.match(edges.pixels[own:], edges.gradients[own:], Criterion(0.0, CAMERA.width))

@@ -86,7 +86,7 @@ class Alike:
 
 def keyframe(index, x, angle=0.0, share=1.0, piece=0):
     T = se3.exp(np.array([x, 0.0, 0.0, 0.0, angle, 0.0]))
-    return Keyframe(index, T, None, None, None, None, Alike(share), None, 0.0, piece)
+    return Keyframe(index, T, None, None, None, None, None, Alike(share), None, 0.0, piece)
 
 
 def stored(store):

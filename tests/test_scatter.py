@@ -219,7 +219,8 @@ def test_nor_is_it_lost_where_a_keyframe_is_kept_longer(corridor, seed):
 
 def test_without_the_scale_of_late_it_is_not(corridor):
     # each of these alone mends most of it
-    statuses, off = walked(corridor, LEFT, "keyframes.gather_share=0", "edges.grey_steps=1")
+    plain = "edges.grey_steps=1", "edges.faint_scale=1", "keyframes.edge_scale=1"
+    statuses, off = walked(corridor, LEFT, "keyframes.gather_share=0", *plain)
     assert Status.LOST in statuses
     assert off > 0.05
 

@@ -59,7 +59,8 @@ def test_no_search_where_a_glance_tells_of_no_other_place(apart):
     odometry = Odometry(camera)
     odometry.track(frames[0])
     key = odometry._keyframe
-    seen = type("Seen", (), {"samples": key.samples, "points": key.points})
+    known = {"samples": key.samples, "points": key.points, "is_near": False}
+    seen = type("Seen", (), known)
     perfect = odometry._search._register(key, key.samples, key.points, np.eye(4))
     odometry._search._register = None  # may not be called
     assert odometry._search.around(key, np.eye(4), seen, perfect) is perfect

@@ -62,8 +62,18 @@ class EdgesConfig(Section):
     )
     least_scale: Annotated[float, Field(gt=0, le=1)] = Field(
         default=0.55,
-        description="but by no more than to this fraction: below it noise begins, and the steps "
-        "between the grey levels of a dark image",
+        description="but by no more than to this fraction: below it noise begins in most images",
+    )
+    faint_scale: Annotated[float, Field(gt=0, le=1)] = Field(
+        default=0.3,
+        description="or to this one, where images follow each other closely and the noise of this "
+        "one allows it: then edges are known again that are too faint to tell places by. 1: never. "
+        "Not in the paper",
+    )
+    noise_margin: Positive = Field(
+        default=8.0,
+        description="for which the upper threshold has to be so many times the strength that a "
+        "quarter of the gradients stay below",
     )
     sobel_threshold: Positive = Field(
         default=120.0,
@@ -327,6 +337,11 @@ class KeyframesConfig(Section):
         description="rule motion: where fewer fit within this share of the two bounds on motion, "
         "light has changed, and the keyframe gathers the edges that it does not know in place of "
         "giving way; 0: never. Not in the paper",
+    )
+    edge_scale: Annotated[float, Field(gt=0, le=1)] = Field(
+        default=0.7,
+        description="Canny's thresholds for a keyframe, times those for the frame that it was, so "
+        "that it knows what other light shows more clearly; 1: the same. Not in the paper",
     )
 
 
@@ -609,7 +624,7 @@ class Config(Section):
 PRESETS: dict[str, dict[str, Any]] = {
     "default": {},
     "paper": {
-        "edges": {"strong_share": 0.0, "position": "pixel", "grey_steps": 1},
+        "edges": {"strong_share": 0.0, "faint_scale": 1.0, "position": "pixel", "grey_steps": 1},
         "planes": {
             "weight": 0.0,
             "alone_share": 0.0,
@@ -618,7 +633,7 @@ PRESETS: dict[str, dict[str, Any]] = {
             "finer": "none",
         },
         "motion": {"search_deg": 0.0, "prior_stride": 4, "depth_delay": "none", "readout": "none"},
-        "keyframes": {"window": 1, "stored": 0, "gather_share": 0.0},
+        "keyframes": {"window": 1, "stored": 0, "gather_share": 0.0, "edge_scale": 1.0},
         "sampling": {"count": 450, "max_growth": 1.0},
         "registration": {
             "weight": "t",

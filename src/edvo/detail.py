@@ -31,10 +31,16 @@ class Detail(NamedTuple):
         Edges that are drawn at most; 0 for all.
     is_fine : bool
         Whether points lie closely, and planes are fitted to more pixels; see `PlaneFitter`.
+    is_near : bool
+        Whether it follows the last frame so closely that all edges of the keyframe may count.
+    is_faint : bool
+        Whether faint edges are taken, too; see `thresholds`.
     """
 
     samples: int
     is_fine: bool
+    is_near: bool
+    is_faint: bool
 
 
 def usual_detail(config: Config) -> Detail:
@@ -48,11 +54,16 @@ def usual_detail(config: Config) -> Detail:
     -------
     Detail
     """
-    return Detail(config.sampling.count, is_fine=False)
+    return Detail(config.sampling.count, is_fine=False, is_near=False, is_faint=False)
 
 
 def worthwhile_detail(
-    config: Config, camera: Camera, shared: SharedErrors, *, was_fine: bool = False
+    config: Config,
+    camera: Camera,
+    shared: SharedErrors,
+    *,
+    was_fine: bool = False,
+    shows_faint: bool = False,
 ) -> Detail:
     """Choose how much is worth taking, by what the frames of late share.
 
@@ -65,6 +76,8 @@ def worthwhile_detail(
     shared : SharedErrors
     was_fine : bool, optional
         Of the last frame.
+    shows_faint : bool, optional
+        Whether the keyframe has faint edges that those of the frame may be.
 
     Returns
     -------
@@ -80,4 +93,4 @@ def worthwhile_detail(
         and shared.matches >= EDGES_A_POINT * FINER**2 * points
         and shared.depth_share * points < (STAY if was_fine else 1.0) * DEPTH_ENOUGH
     )
-    return Detail(int(count * max(growth, 1.0)), is_fine)
+    return Detail(int(count * max(growth, 1.0)), is_fine, is_near=True, is_faint=shows_faint)

@@ -4,9 +4,8 @@ The paper takes Canny, because non-maximum suppression and two thresholds find t
 under different light; the two extractors that it is compared with are here as well, by name.
 """
 
-import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar, cast
 
 import cv2
@@ -16,11 +15,10 @@ from numpy.typing import NDArray
 from edvo import kernels
 from edvo.camera import Camera
 from edvo.config import EdgesConfig
+from edvo.thresholds import STRONGEST, threshold_scale
 
 DOG_RATIO = 1.6  # of the two Gaussians: nearest to the Laplacian of a Gaussian (Marr 1980)
 BINOMIAL_PX, BINOMIAL_BITS = 5, 8  # the blur that a kernel does, and the bits that it adds
-QUANTILE_STEP_PX = 4  # a sixteenth of the pixels tells the quantile of their gradients
-STRONGEST = 2**14  # more than |du| + |dv| can be, in eighths: a threshold that marks nothing
 _Grey = TypeVar("_Grey", np.uint8, np.float32)
 NO_TABLE = np.empty((0, 0, 2), np.float32)
 NO_TABLE.setflags(write=False)  # as Camera.undistortion_table: else its kernel compiles twice
@@ -65,6 +63,19 @@ class EdgePixels:
             np.ascontiguousarray(self.depths[::stride]),
         )
 
+    def first(self, count: int) -> "EdgePixels":
+        """Take the first ones.
+
+        Parameters
+        ----------
+        count : int
+
+        Returns
+        -------
+        EdgePixels
+        """
+        return EdgePixels(self.pixels[:count], self.gradients[:count], self.depths[:count])
+
     def joined(self, others: "EdgePixels") -> "EdgePixels":
         """Put others behind them.
 
@@ -108,17 +119,20 @@ class EdgeImage:
     Attributes
     ----------
     index : ndarray of int32, shape (N,)
-        Flat indices v * width + u of the edge pixels, ascending.
+        Flat indices v * width + u of the edge pixels, ascending where they are to be sampled.
     du, dv : ndarray of int16, shape (H, W)
         Sobel gradients, in ``EdgesConfig.grey_steps``-ths of a grey level.
     is_fine : bool
         Whether edges are placed between pixels.
+    scale : float
+        By which the thresholds of ``EdgesConfig`` were multiplied.
     """
 
     index: NDArray[np.int32]
     du: NDArray[np.int16]
     dv: NDArray[np.int16]
     is_fine: bool = False
+    scale: float = 1.0
 
     def __len__(self) -> int:
         return len(self.index)
@@ -174,7 +188,12 @@ class EdgeBuffers:
 
 
 def extract_edges(
-    grey: NDArray[np.uint8], config: EdgesConfig, buffers: EdgeBuffers | None = None
+    grey: NDArray[np.uint8],
+    config: EdgesConfig,
+    buffers: EdgeBuffers | None = None,
+    *,
+    faint: bool = False,
+    scale: float | None = None,
 ) -> EdgeImage:
     """Find the edge pixels of an image.
 
@@ -186,6 +205,10 @@ def extract_edges(
     buffers : EdgeBuffers, optional
         Of the size of the image, to be used again for the next one, which then overwrites the
         gradients of the result.
+    faint : bool, optional
+        Whether Canny's thresholds may sink as far as the noise of the image allows.
+    scale : float, optional
+        By which they are multiplied; what the image calls for where not given.
 
     Returns
     -------
@@ -193,9 +216,75 @@ def extract_edges(
     """
     buffers = buffers or EdgeBuffers(*grey.shape)
     slopes(grey, config, buffers)
-    EXTRACTORS[config.extractor](grey, config, buffers)
+    if config.extractor == "canny":
+        if scale is None:
+            scale = threshold_scale(buffers.du, buffers.dv, config, faint=faint)
+        return _canny_edges(config, buffers, scale)
+    MASKS[config.extractor](grey, config, buffers)
+    return _collected(config, buffers)
+
+
+def edges_to_keep(
+    image: EdgeImage, config: EdgesConfig, buffers: EdgeBuffers, share: float
+) -> tuple[EdgeImage, int]:
+    """Find all edges of an image that other light may show, those first that tell places.
+
+    Parameters
+    ----------
+    image : EdgeImage
+        The last that was written to the buffers.
+    config : EdgesConfig
+        As for `extract_edges`; only Canny tells what is faint.
+    buffers : EdgeBuffers
+    share : float
+        By which thresholds that have sunk as far as noise allows are multiplied.
+
+    Returns
+    -------
+    edges : EdgeImage
+    telling : int
+        How many of them tell places: all that `extract_edges` finds without faint ones.
+    """
+    if config.extractor != "canny":
+        return image, len(image)
+    telling, faint = (
+        threshold_scale(buffers.du, buffers.dv, config, faint=faint) for faint in (False, True)
+    )
+    scale = share * faint
+    every = image if scale == image.scale else _canny_edges(config, buffers, scale)
+    if scale >= telling:
+        return every, len(every)
+    order = np.empty_like(every.index)
+    count = kernels.put_strong_first(
+        every.index,
+        buffers.du,
+        buffers.dv,
+        *_bounds(config, telling),
+        buffers.mask,
+        buffers.room,
+        order,
+    )
+    return replace(every, index=order), count
+
+
+def _bounds(config: EdgesConfig, scale: float) -> tuple[np.int32, np.int32]:
+    """Canny's thresholds on ``|du| + |dv|``, the lower one first."""
+    bounds = sorted(scale * config.grey_steps * each for each in (config.low, config.high))
+    low, high = (np.int32(min(bound, STRONGEST)) for bound in bounds)
+    return low, high
+
+
+def _canny_edges(config: EdgesConfig, buffers: EdgeBuffers, scale: float) -> EdgeImage:
+    """Edges by Canny: non-maximum suppression and two thresholds on ``|du| + |dv|``."""
+    low, high = _bounds(config, scale)
+    kernels.canny_edges(buffers.du, buffers.dv, low, high, buffers.mask, buffers.room)
+    return _collected(config, buffers, scale)
+
+
+def _collected(config: EdgesConfig, buffers: EdgeBuffers, scale: float = 1.0) -> EdgeImage:
+    """List the edges of a mask."""
     index = buffers.room[: kernels.collect_edges(buffers.mask, buffers.room)].copy()
-    return EdgeImage(index, buffers.du, buffers.dv, config.position == "vertex")
+    return EdgeImage(index, buffers.du, buffers.dv, config.position == "vertex", scale)
 
 
 def depth_at_edges(
@@ -260,20 +349,6 @@ def slopes(grey: NDArray[np.uint8], config: EdgesConfig, buffers: EdgeBuffers) -
         )
 
 
-def canny(grey: NDArray[np.uint8], config: EdgesConfig, buffers: EdgeBuffers) -> None:
-    """Edge mask by Canny: non-maximum suppression and two thresholds on ``|du| + |dv|``."""
-    scale, steps = 1.0, config.grey_steps
-    if config.strong_share:
-        most = min(math.ceil(steps * config.high), STRONGEST)
-        exceeded = kernels.strength_quantile(
-            buffers.du, buffers.dv, config.strong_share, QUANTILE_STEP_PX, most
-        )
-        scale = min(max(exceeded / (steps * config.high), config.least_scale), 1.0)
-    bounds = sorted((scale * steps * config.low, scale * steps * config.high))
-    low, high = (np.int32(min(bound, STRONGEST)) for bound in bounds)
-    kernels.canny_edges(buffers.du, buffers.dv, low, high, buffers.mask, buffers.room)
-
-
 def sobel(grey: NDArray[np.uint8], config: EdgesConfig, buffers: EdgeBuffers) -> None:
     """Edge mask by one threshold on ``|du| + |dv|``: thick edges that come and go."""
     strength = np.abs(buffers.du) + np.abs(buffers.dv)  # at most 8 x 8 x 255: no overflow
@@ -306,8 +381,7 @@ def difference_of_gaussians(
     mask[(buffers.du == 0) & (buffers.dv == 0)] = 0
 
 
-EXTRACTORS: dict[str, Callable[[NDArray[np.uint8], EdgesConfig, EdgeBuffers], None]] = {
-    "canny": canny,
+MASKS: dict[str, Callable[[NDArray[np.uint8], EdgesConfig, EdgeBuffers], None]] = {
     "sobel": sobel,
     "dog": difference_of_gaussians,
 }

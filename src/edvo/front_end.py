@@ -12,7 +12,7 @@ from edvo.chamfer import ChamferMap
 from edvo.clock import Clock
 from edvo.config import Config
 from edvo.detail import Detail, usual_detail
-from edvo.edges import EdgeBuffers, EdgePixels, extract_edges
+from edvo.edges import EdgeBuffers, EdgeImage, EdgePixels, edges_to_keep, extract_edges
 from edvo.frame import Frame, with_depth
 from edvo.keyframes import Keyframe
 from edvo.look import Look
@@ -22,6 +22,7 @@ from edvo.sampling import sample_edges
 from edvo.search import Seen
 
 SEED_STRIDE = 1_000_003  # frames that seeds keep apart
+GATHERED = 6000  # edges that a keyframe is shown of another light: more would delay a frame
 
 
 class FrontEnd:
@@ -80,24 +81,15 @@ class FrontEnd:
             Its gradients last until the next frame is seen.
         """
         config = self._config
-        count, fine = usual_detail(config) if detail is None else detail
+        count, fine, near, faint = usual_detail(config) if detail is None else detail
         with self._clock("edges"):
-            edges = extract_edges(frame.grey, config.edges, self._buffers)
+            edges = extract_edges(frame.grey, config.edges, self._buffers, faint=faint)
         with self._clock("planes"):
             points = self._fitter.points(frame.depth, T_cam_depth, fine=fine)
         with self._clock("sampling"):
             seed = config.seed * SEED_STRIDE + index
-            samples = sample_edges(
-                edges,
-                frame.depth,
-                self._camera,
-                config.sampling,
-                config.edges,
-                seed,
-                T_cam_depth,
-                count,
-            )
-        return Seen(frame, edges, samples, points, T_cam_depth, fine)
+            samples = self._drawn(edges, frame, T_cam_depth, count, seed)
+        return Seen(frame, edges, samples, points, T_cam_depth, fine, near)
 
     def keep(self, seen: Seen, *, aside: bool = False) -> Seen:
         """Copy the depth of what was seen, since its owner may write the next one to its memory.
@@ -115,8 +107,31 @@ class FrontEnd:
         """
         return replace(seen, frame=with_depth(seen.frame, self._aside if aside else self._depth))
 
+    def to_keep(self, seen: Seen) -> tuple[Seen, int]:
+        """Find the edges that a keyframe is to have: those that tell places, and fainter ones.
+
+        Parameters
+        ----------
+        seen : Seen
+            The frame that was seen last.
+
+        Returns
+        -------
+        seen : Seen
+            With those edges; samples are of the ones that tell places alone.
+        telling : int
+            How many of them, the first ones, do.
+        """
+        config, share = self._config.edges, self._config.keyframes.edge_scale
+        edges, telling = edges_to_keep(seen.edges, config, self._buffers, share)
+        samples = seen.samples
+        if telling < len(seen.edges):  # some of these are of faint ones
+            first = replace(edges, index=edges.index[:telling])
+            samples = self._drawn(first, seen.frame, seen.T_cam_depth, self._config.sampling.count)
+        return replace(seen, edges=edges, samples=samples), telling
+
     def edges_with_depth(self, seen: Seen) -> EdgePixels:
-        """Describe all edges of what was seen last that have depth.
+        """Describe edges of what was seen last that have depth: as many as may be gathered.
 
         Parameters
         ----------
@@ -126,16 +141,27 @@ class FrontEnd:
         -------
         EdgePixels
         """
+        return self._drawn(seen.edges, seen.frame, seen.T_cam_depth, GATHERED)
+
+    def _drawn(
+        self,
+        edges: EdgeImage,
+        frame: Frame,
+        T_cam_depth: NDArray[np.float64] | None,
+        count: int,
+        seed: int | None = None,
+    ) -> EdgePixels:
+        """Draw so many of the edges that have depth, or all."""
         config = self._config
         return sample_edges(
-            seen.edges,
-            seen.frame.depth,
+            edges,
+            frame.depth,
             self._camera,
             config.sampling,
             config.edges,
-            config.seed,
-            seen.T_cam_depth,
-            count=0,
+            config.seed if seed is None else seed,
+            T_cam_depth,
+            count,
         )
 
     def keyframe(
@@ -145,6 +171,7 @@ class FrontEnd:
         T_world_key: NDArray[np.float64],
         piece: int,
         edges: EdgePixels | None = None,
+        telling: int | None = None,
     ) -> Keyframe:
         """Make a keyframe.
 
@@ -159,6 +186,8 @@ class FrontEnd:
             Of the path.
         edges : EdgePixels, optional
             Of the frame; described anew where not given.
+        telling : int, optional
+            How many of them, the first ones, tell places; all of them where not given.
 
         Returns
         -------
@@ -168,17 +197,23 @@ class FrontEnd:
         samples, usual = seen.samples, self._config.sampling.count
         if usual:
             samples = samples.every(max(math.ceil(len(samples) / usual), 1))
+        every = self._registration.index(edges)
+        by = every
+        if telling is not None and telling < len(edges):
+            by = self._registration.index(edges.first(telling))
         return Keyframe(
             index=index,
             T_world_key=rigid(T_world_key),
-            edges=self._registration.index(edges),
+            edges=every,
+            telling=by,
             planes=self._fitter.planes(seen.frame.depth, seen.T_cam_depth, fine=seen.is_fine),
             samples=samples,
             points=thinned(seen.points, self._config.planes.point_step_px),
-            look=Look(edges, self._camera),
-            chamfer=ChamferMap(edges, self._camera),
+            look=Look(by.edges, self._camera),
+            chamfer=ChamferMap(by.edges, self._camera),
             timestamp=seen.frame.timestamp,
             piece=piece,
+            is_faint=by is not every,
         )
 
 

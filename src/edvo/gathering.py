@@ -5,6 +5,8 @@ fit a keyframe that the camera has hardly left. A new one would hand its own err
 more use once light has changed again. So the old one gathers the edges that it does not know.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -103,7 +105,8 @@ def gather(
     known = keyframe.edges
     new = unknown(known, carried(edges, T_key_cur, camera), camera)
     index = registration.index(known.edges.joined(new))
-    return keyframe.showing(index, camera, keyframe.gathered + len(new), timestamp)
+    gathered = keyframe.gathered + len(new)
+    return replace(keyframe, edges=index, gathered=gathered, gathered_at=timestamp)
 
 
 def may_gather(

@@ -249,7 +249,10 @@ class Instants:
             depths = depth_at_edges(held.depth, held.index, self._rough)
             edges = self.rolling.unrolled(held.edges, held.velocity, depths)
             # what it has gathered was put where its edges were thought to be, and is off by as much
-            changed = changed.showing(self._registration.index(edges), self._camera)
+            every = telling = self._registration.index(edges)
+            if len(keyframe.telling) < len(edges):
+                telling = self._registration.index(edges.first(len(keyframe.telling)))
+            changed = changed.moved(every, telling, self._camera)
             held.rolled = rolled
         if changed is keyframe:
             return None

@@ -255,23 +255,13 @@ class Solver(NamedTuple):
 
 
 @compiled
-def strength_quantile(dx: I16, dy: I16, share: float, step: int, most: int) -> int:
-    """Value of |dx| + |dy| that this share of the pixels exceeds, by every step-th one.
-
-    At most ``most``, since what is greater is counted as that.
-    """
-    counts = np.zeros(most + 1, np.int32)
-    total = 0
+def count_strengths(dx: I16, dy: I16, step: int, counts: I32) -> None:
+    """Add every step-th pixel to the number of those with its |dx| + |dy|, or more in the last."""
+    most = np.int64(counts.size - 1)
     for v in range(step // 2, dx.shape[0], step):
         for u in range(step // 2, dx.shape[1], step):
             strength = np.abs(np.int64(dx[v, u])) + np.abs(np.int64(dy[v, u]))
-            counts[min(strength, np.int64(counts.size - 1))] += 1
-            total += 1
-    above, value = 0, counts.size - 1
-    while value > 0 and above + counts[value] <= share * total:
-        above += counts[value]
-        value -= 1
-    return value
+            counts[min(strength, most)] += 1
 
 
 @lean_float
@@ -467,6 +457,49 @@ def canny_edges(du: I16, dv: I16, low: np.int32, high: np.int32, marks: U8, room
     for k in range(count):
         if flat[room[k]] == WEAK:
             flat[room[k]] = 0
+
+
+@compiled
+def put_strong_first(
+    index: I32,
+    du: I16,
+    dv: I16,
+    low: np.int32,
+    high: np.int32,
+    marks: U8,
+    room: I32,
+    order: I32,
+) -> int:
+    """Write first those edges that Canny finds by higher thresholds, too; returns how many.
+
+    ``index`` are the edges that it has just marked by lower ones; of the same gradients higher
+    ones leave some of these, since what links them is among them as well. Marks are used up.
+    """
+    height, width = du.shape
+    flat, du_flat, dv_flat = marks.reshape(-1), du.reshape(-1), dv.reshape(-1)
+    for i in index:
+        strength = np.abs(np.int32(du_flat[i])) + np.abs(np.int32(dv_flat[i]))
+        flat[i] = STRONG if strength > high else WEAK if strength > low else 0
+    per_width = 1 / width
+    for each in index:
+        i = np.int64(each)
+        if flat[i] == WEAK and is_beside_strong(flat, i, per_width, height, width):
+            top = strengthen_beside(flat, i, per_width, height, width, room, np.int64(0))
+            while top > 0:
+                top -= 1
+                i = np.int64(room[top])
+                top = strengthen_beside(flat, i, per_width, height, width, room, top)
+    count = 0
+    for i in index:
+        if flat[i] == STRONG:
+            order[count] = i
+            count += 1
+    last = count
+    for i in index:
+        if flat[i] != STRONG:
+            order[last] = i
+            last += 1
+    return count
 
 
 @compiled

@@ -28,11 +28,13 @@ class Keyframe:
         Of the frame in the sequence.
     T_world_key : ndarray of float64, shape (4, 4)
     edges : EdgeIndex
-        All its edges; those without depth serve too.
+        All its edges, faint ones, too; those without depth serve as well.
+    telling : EdgeIndex
+        The first of these, which are not faint: to tell places by.
     planes : PlaneMap
         The planes that its depth image shows; none where the term is left out.
     samples : EdgePixels
-        Some of its edges with depth, and
+        Some of these edges with depth, and
     points : PlanePoints
         points on its planes, to register it with a frame the other way round.
     look : Look
@@ -48,11 +50,14 @@ class Keyframe:
         How many of its edges, the last ones, later frames have shown; see `edvo.gathering`.
     gathered_at : float
         When the last of these was taken, seconds; minus infinity where there is none.
+    is_faint : bool
+        Whether it was made with faint edges.
     """
 
     index: int
     T_world_key: NDArray[np.float64]
     edges: EdgeIndex
+    telling: EdgeIndex
     planes: PlaneMap
     samples: EdgePixels
     points: PlanePoints
@@ -62,24 +67,30 @@ class Keyframe:
     piece: int = 0
     gathered: int = 0
     gathered_at: float = -math.inf
+    is_faint: bool = False
 
-    def showing(
-        self,
-        edges: EdgeIndex,
-        camera: Camera,
-        gathered: int = 0,
-        gathered_at: float = -math.inf,
-    ) -> "Keyframe":
-        """Give it other edges.
+    def edges_for(self, *, near: bool) -> EdgeIndex:
+        """Give the edges that a frame is registered with.
 
         Parameters
         ----------
-        edges : EdgeIndex
+        near : bool
+            Whether the frame follows one that was registered with it closely.
+
+        Returns
+        -------
+        EdgeIndex
+        """
+        return self.edges if near else self.telling
+
+    def moved(self, edges: EdgeIndex, telling: EdgeIndex, camera: Camera) -> "Keyframe":
+        """Put its edges elsewhere; what it has gathered is left out.
+
+        Parameters
+        ----------
+        edges, telling : EdgeIndex
+            All of them, and the first ones.
         camera : Camera
-        gathered : int
-            How many of them, the last ones, later frames have shown, and
-        gathered_at : float
-            when the last of these was taken.
 
         Returns
         -------
@@ -88,10 +99,11 @@ class Keyframe:
         return replace(
             self,
             edges=edges,
-            look=Look(edges.edges, camera),
-            chamfer=ChamferMap(edges.edges, camera),
-            gathered=gathered,
-            gathered_at=gathered_at,
+            telling=telling,
+            look=Look(telling.edges, camera),
+            chamfer=ChamferMap(telling.edges, camera),
+            gathered=0,
+            gathered_at=-math.inf,
         )
 
 

@@ -89,9 +89,8 @@ class EdgeIndex:
         self._grid: kernels.Grid | None = None
         self._tree: kernels.Tree | None = None
         self._near: kernels.NearMap | None = None
-        if method == "grid":
-            self._grid = kernels.build_grid(edges.pixels, edges.gradients, cell_px)
-        elif method == "tree":
+        self._cell_px = cell_px
+        if method == "tree":
             self._tree = kernels.build_tree(edges.pixels, edges.gradients, GRADIENT_SPREAD_PX)
 
     def __len__(self) -> int:
@@ -106,9 +105,12 @@ class EdgeIndex:
 
     @property
     def grid(self) -> kernels.Grid:
-        """The cell grid, which registration runs on."""
-        if self._grid is None:
+        """The cell grid, which registration runs on; made when asked for."""
+        if self.method != "grid":
             raise ValueError(f"an index by {self.method!r} holds no grid; make one by 'grid'")
+        if self._grid is None:
+            edges = self.edges
+            self._grid = kernels.build_grid(edges.pixels, edges.gradients, self._cell_px)
         return self._grid
 
     def match(
@@ -133,9 +135,9 @@ class EdgeIndex:
         """
         matches = Matches(np.empty(len(pixels), np.int32), np.empty(len(pixels)))
         compiled = criterion.compile()
-        if self._grid is not None:
+        if self.method == "grid":
             kernels.match_in_grid(
-                self._grid, pixels, gradients, compiled, matches.indices, matches.costs
+                self.grid, pixels, gradients, compiled, matches.indices, matches.costs
             )
         elif self._tree is not None:
             kernels.match_in_tree(

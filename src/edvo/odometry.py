@@ -282,7 +282,7 @@ class Odometry:
         """
         self._make_due_keyframe()
         self._rewind(timestamp)
-        return self._lose(timestamp, reason, 0, 0, None)
+        return self._lose(timestamp, reason)
 
     def _register(self, seen: Seen) -> tuple[Alignment, Status, str, Still | None]:
         """Register a frame with the keyframe: what stands still, where much moves, or all of it."""
@@ -328,8 +328,9 @@ class Odometry:
             starts = self._starts(timestamp, seen)
             term = self._shared.term(self._fitter.term, self._period(timestamp))
             lag = self._lag(seen)
+            edges = key.edges_for(near=seen.is_near)
             alignment = self._registration.align(
-                key.edges, seen.samples, starts, key.planes, seen.points, term, lag, far=far
+                edges, seen.samples, starts, key.planes, seen.points, term, lag, far=far
             )
         is_off = self._is_off_planes if far else self._judge.is_off
         if is_off(alignment):
@@ -392,7 +393,7 @@ class Odometry:
 
         def align(part: Seen, start: NDArray[np.float64]) -> Alignment:
             return self._registration.align(
-                key.edges,
+                key.edges_for(near=part.is_near),
                 part.samples,
                 start[None],
                 key.planes,
@@ -423,8 +424,9 @@ class Odometry:
         key, points = self._keyframe, seen.points
         level, _ = self._depth_alone.align(key, seen.samples, points, found.T_ref_cur)
         start = level.T_ref_cur[None]
+        edges, lag = key.edges_for(near=seen.is_near), self._lag(seen)
         again = self._registration.align(
-            key.edges, seen.samples, start, key.planes, points, term, self._lag(seen), far=far
+            edges, seen.samples, start, key.planes, points, term, lag, far=far
         )
         return max((found, again), key=lambda each: agreement(each, key.planes, points))
 
@@ -497,8 +499,7 @@ class Odometry:
 
     def _lose_sight(self, seen: Seen, reason: str, alignment: Alignment | None) -> TrackedFrame:
         """Lose a frame whose edges are known."""
-        counts = len(seen.edges), len(seen.samples)
-        return self._lose(seen.frame.timestamp, reason, *counts, alignment)
+        return self._lose(seen.frame.timestamp, reason, seen, alignment)
 
     def _rewind(self, timestamp: float) -> None:
         """Begin to count anew where a clock has jumped back, as a recording that starts over."""
@@ -523,7 +524,7 @@ class Odometry:
         else:
             index, T_key_cur = self._keyframe.index, self._T_key_last
             return self._keep(timestamp, Status.DEGRADED, reason, T_key_cur, index)
-        return self._lose(timestamp, reason, 0, 0, None)
+        return self._lose(timestamp, reason)
 
     def _tells_by_depth(self, frame: Frame) -> bool:
         """Whether depth alone may say how a camera moves."""
@@ -781,7 +782,7 @@ class Odometry:
         due = self._anchor is None and is_due(rule, T_key_cur, share, age, well_placed=better)
         # one that has gathered the last frame's edges, and serves no better, gives way
         fresh = timestamp - keyframe.gathered_at > 1.5 * period
-        gathers = due and fresh and follows and still is None
+        gathers = due and fresh and seen.is_near and still is None
         gathers = gathers and may_gather(rule, keyframe, T_key_cur, share)
         together = rule.window > 2 and still is None and follows and status is Status.TRACKED
         velocity = self._velocity if follows else None
@@ -858,10 +859,15 @@ class Odometry:
             covariance=covariance,
             degenerate=degenerate,
             piece=self._pieces.here,
+            edge_scale=seen.edges.scale if seen else 1.0,
         )
 
     def _lose(
-        self, timestamp: float, reason: str, edges: int, samples: int, alignment: Alignment | None
+        self,
+        timestamp: float,
+        reason: str,
+        seen: Seen | None = None,
+        alignment: Alignment | None = None,
     ) -> TrackedFrame:
         """Leave the state as it was, so that the next frame tries again from the keyframe."""
         log = logger.debug if self._losses else logger.warning
@@ -881,10 +887,11 @@ class Odometry:
             T_key_cur=se3.compose(self._T_key_last, ahead),
             keyframe=-1 if self._keyframe is None else self._keyframe.index,
             is_keyframe=False,
-            edges=edges,
-            samples=samples,
+            edges=len(seen.edges) if seen else 0,
+            samples=len(seen.samples) if seen else 0,
             alignment=alignment,
             piece=self._pieces.here,
+            edge_scale=seen.edges.scale if seen else 1.0,
         )
 
     def _store_last_good(self) -> None:
@@ -927,16 +934,21 @@ class Odometry:
             if velocity is not None:  # measured by now, no longer expected
                 T_cam_depth = self._instants.depth.motion(velocity, seen.frame.depth_delay)
                 seen = replace(seen, T_cam_depth=T_cam_depth)
-            edges = seen.edges.describe(self.camera)
+            kept, telling = self._front_end.to_keep(seen)
+            if velocity is not None and kept.samples is not seen.samples:  # those were by then
+                samples = self._instants.rolling.unrolled(kept.samples, velocity)
+                kept = replace(kept, samples=samples)
+            edges = kept.edges.describe(self.camera)
             keyframe = self._front_end.keyframe(
-                seen,
+                kept,
                 index,
                 self._T_world_last,
                 self._pieces.here,
-                self._instants.unrolled(edges, seen, velocity),
+                self._instants.unrolled(edges, kept, velocity),
+                telling,
             )
             self._take_keyframe(keyframe)
-            self._instants.hold(keyframe, seen, edges, velocity)
+            self._instants.hold(keyframe, kept, edges, velocity)
         return keyframe
 
     def _gather(
@@ -982,7 +994,13 @@ class Odometry:
         sees = not self._blind and not self._pieces.here and not self._is_moving(timestamp)
         if not sees or not self._follows(timestamp):
             return usual_detail(self.config)
-        return worthwhile_detail(self.config, self.camera, self._shared, was_fine=self._is_fine)
+        return worthwhile_detail(
+            self.config,
+            self.camera,
+            self._shared,
+            was_fine=self._is_fine,
+            shows_faint=self._keyframe is not None and self._keyframe.is_faint,
+        )
 
     def _lead(self, frame: Frame) -> NDArray[np.float64] | None:
         """Where the camera was when the depth of the next frame was taken, as against its image."""

@@ -51,6 +51,7 @@ class Seen:
     points: PlanePoints
     T_cam_depth: NDArray[np.float64] | None = None  # that the points were moved by already
     is_fine: bool = False  # whether its points lie closely
+    is_near: bool = False  # whether all edges of the keyframe may count
 
 
 class Search:
@@ -106,7 +107,7 @@ class Search:
         Alignment
             ``found``, if nothing agrees better.
         """
-        samples, points = seen.samples, seen.points
+        samples, points, near = seen.samples, seen.points, seen.is_near
         guesses = key.chamfer.likely(samples, T_key_start, self._reach, MORE)
         already = 0.0
         if found is not None:
@@ -123,13 +124,14 @@ class Search:
         usual = thinned(points, self._config.planes.point_step_px)
         best, most = None, already
         for guess in guesses:
-            tried = self._register(key, few, usual, guess.T_ref_cur)
+            tried = self._register(key, few, usual, guess.T_ref_cur, near=near)
             agreed = agreement(tried, key.planes, usual)
             if agreed > most:
                 best, most = tried.T_ref_cur, agreed
         if best is None and found is not None:
             return found
-        again = self._register(key, samples, points, T_key_start if best is None else best)
+        start = T_key_start if best is None else best
+        again = self._register(key, samples, points, start, near=near)
         if found is not None and agreement(again, key.planes, points) <= already:
             return found  # what few samples promised, all of them do not keep
         return again
@@ -335,7 +337,8 @@ class Search:
         """
         fits = []
         for key, start in starts:
-            tried = self._register(key, hunt.few, hunt.seen.points, start, hunt.term)
+            near = hunt.seen.is_near
+            tried = self._register(key, hunt.few, hunt.seen.points, start, hunt.term, near=near)
             T_world_cam = key.T_world_key @ tried.T_ref_cur
             fit = agreement(tried, key.planes, hunt.seen.points) * hunt.prior(T_world_cam)
             if fit > 0 and hunt.away(T_world_cam) <= hunt.farthest:
@@ -362,7 +365,10 @@ class Search:
         places: list[_Place] = []
         for key, start in promising:
             T_key_start = se3.inverse(key.T_world_key) @ start
-            found = self._register(key, seen.samples, seen.points, T_key_start, hunt.term)
+            near = seen.is_near
+            found = self._register(
+                key, seen.samples, seen.points, T_key_start, hunt.term, near=near
+            )
             T_world_cam = key.T_world_key @ found.T_ref_cur
             if hunt.must_be_sure and not self._judge.is_sure(found):
                 continue
@@ -413,10 +419,11 @@ class Search:
         points: PlanePoints,
         start: NDArray[np.float64],
         term: DepthTerm | None = None,
+        *,
+        near: bool = False,
     ) -> Alignment:
-        return self._registration.align(
-            key.edges, samples, start[None], key.planes, points, term or self._fitter.term
-        )
+        edges, term = key.edges_for(near=near), term or self._fitter.term
+        return self._registration.align(edges, samples, start[None], key.planes, points, term)
 
 
 @dataclass(frozen=True, slots=True)

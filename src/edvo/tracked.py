@@ -54,6 +54,8 @@ class TrackedFrame:
         where the camera was expected after it was lost for a second: poses given for
         one piece belong together, but where it is to another is a guess. Its frames are at best
         ``DEGRADED``. Once it is found what was seen before, those that follow belong to that piece.
+    edge_scale : float
+        By which Canny's thresholds were multiplied; see ``edges.strong_share``.
     """
 
     timestamp: float
@@ -70,3 +72,4 @@ class TrackedFrame:
     covariance: NDArray[np.float64] | None = None
     degenerate: tuple[str, ...] = ()
     piece: int = 0
+    edge_scale: float = 1.0

@@ -31,6 +31,10 @@ VARIANTS = (
     Variant("edges: of a blur in eighths of grey levels", ("edges.grey_steps=8",)),
     Variant("edges: fixed thresholds", ("edges.strong_share=0",)),
     Variant("edges: thresholds that follow the image", ("edges.strong_share=0.1",)),
+    Variant("edges: none fainter where noise allows", ("edges.faint_scale=1",)),
+    Variant(
+        "edges: fainter where noise allows", ("edges.strong_share=0.1", "edges.faint_scale=0.3")
+    ),
     Variant("edges: at whole pixels", ("edges.position=pixel",)),
     Variant("edges: between pixels", ("edges.position=vertex",)),
     Variant("planes: none", ("planes.weight=0",)),
@@ -95,6 +99,8 @@ VARIANTS = (
     Variant("keyframe: placed by the last ones together", ("keyframes.window=5",)),
     Variant("keyframe: gives way where light has changed", ("keyframes.gather_share=0",)),
     Variant("keyframe: gathers edges where light has changed", ("keyframes.gather_share=0.33",)),
+    Variant("keyframe: with the edges of its frame", ("keyframes.edge_scale=1",)),
+    Variant("keyframe: with fainter edges, too", ("keyframes.edge_scale=0.7",)),
     Variant("keyframe: earlier where well constrained", ("keyframes.early_share=0.67",)),
     Variant("depth: at the instant of colour", ("motion.depth_delay=none",)),
     Variant("depth: at the instant of its stamp", ("motion.depth_delay=stamps",)),

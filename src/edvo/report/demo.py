@@ -253,8 +253,9 @@ def picture_of(
     Scene
         For `edvo.report.plots.draw_scenes`.
     """
-    grey = sights[len(sights) // 2].frame.grey
-    edges = extract_edges(grey, config.edges).describe(run.source.camera)
+    middle = sights[len(sights) // 2]
+    grey, scale = middle.frame.grey, middle.result.edge_scale
+    edges = extract_edges(grey, config.edges, scale=scale).describe(run.source.camera)
     return Scene(
         title=run.source.name,
         grey=grey,

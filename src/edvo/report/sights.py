@@ -89,7 +89,7 @@ def look(frame: Frame, result: TrackedFrame, camera: Camera, config: Config) -> 
     Seen
         Without matches where the frame was not registered.
     """
-    image = extract_edges(frame.grey, config.edges)
+    image = extract_edges(frame.grey, config.edges, scale=result.edge_scale)
     edges = image.describe(camera)
     samples = references = np.empty((0, 2), np.float32)
     residuals = np.empty(0)

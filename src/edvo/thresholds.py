@@ -1,0 +1,79 @@
+"""How far Canny's thresholds sink where an image is plain or dark. Not in the paper."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edvo import kernels
+from edvo.config import EdgesConfig
+
+STRONGEST = 2**14  # more than |du| + |dv| can be, in eighths: a threshold that marks nothing
+STEP_PX = 4  # a sixteenth of the pixels tells how strong their gradients are
+QUIET_SHARE = 0.25  # of the pixels that have a gradient: on so many it is taken for noise
+
+
+def threshold_scale(
+    du: NDArray[np.int16], dv: NDArray[np.int16], config: EdgesConfig, *, faint: bool = False
+) -> float:
+    """Tell by what the thresholds on ``|du| + |dv|`` are multiplied.
+
+    Parameters
+    ----------
+    du, dv : ndarray of int16, shape (H, W)
+        Sobel gradients, in ``config.grey_steps``-ths of a grey level.
+    config : EdgesConfig
+    faint : bool, optional
+        Whether they may sink as far as the noise of this image allows.
+
+    Returns
+    -------
+    float
+        In (0, 1].
+    """
+    if not config.strong_share:
+        return 1.0
+    high, floor = config.grey_steps * config.high, config.least_scale
+    counts = np.zeros(min(math.ceil(high), STRONGEST) + 1, np.int32)
+    kernels.count_strengths(du, dv, STEP_PX, counts)
+    if faint:
+        noise = config.noise_margin * undercut(counts, QUIET_SHARE) / high
+        floor = min(floor, max(noise, config.faint_scale))
+    return min(max(exceeded(counts, config.strong_share) / high, floor), 1.0)
+
+
+def exceeded(counts: NDArray[np.int32], share: float) -> int:
+    """Tell what this share of the pixels exceeds, at most.
+
+    Parameters
+    ----------
+    counts : ndarray of int32, shape (N,)
+        How many pixels have the strength 0, 1, and so on.
+    share : float
+
+    Returns
+    -------
+    int
+    """
+    as_strong = counts[::-1].cumsum()[::-1]
+    return max(int(np.count_nonzero(as_strong > share * as_strong[0])) - 1, 0)
+
+
+def undercut(counts: NDArray[np.int32], share: float) -> float:
+    """Tell below what this share of those pixels lies that have any strength.
+
+    Those without lie in what is black or white, where noise is cut off.
+
+    Parameters
+    ----------
+    counts : ndarray of int32, shape (N,)
+        As for `exceeded`.
+    share : float
+
+    Returns
+    -------
+    float
+        Between two whole numbers; 0 where no pixel has any.
+    """
+    as_weak = counts[1:].cumsum()
+    return float(np.searchsorted(as_weak, share * as_weak[-1]) + 0.5) if as_weak[-1] else 0.0
