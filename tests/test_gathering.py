@@ -145,6 +145,8 @@ def test_what_another_light_shows_is_put_where_the_keyframe_would_see_it(scene):
     np.testing.assert_array_equal(edges.pixels[:own], key.edges.edges.pixels)
     assert more.planes is key.planes
     assert more.telling is key.telling  # places are told by what it has seen itself
+    assert more.chamfer is key.chamfer
+    assert more.look is key.look
     assert more.edges_for(near=False) is key.telling
     assert more.edges_for(near=True) is more.edges
     # what it would have seen itself in that light

@@ -1,14 +1,17 @@
 """How far Canny's thresholds sink, and which edges a keyframe keeps."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edvo import kernels
+from edvo import front_end, kernels
 from edvo.config import Config, EdgesConfig
+from edvo.detail import Detail
 from edvo.edges import EdgeBuffers, edges_to_keep, extract_edges, slopes
-from edvo.odometry import Odometry
+from edvo.odometry import Odometry, Status
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
 from edvo.thresholds import STEP_PX, exceeded, threshold_scale, undercut
 
@@ -216,3 +219,85 @@ def test_it_can_be_left_out(plain):
     key = odometry._keyframe
     assert not key.is_faint
     assert key.edges is key.telling
+
+
+def positions(edges):
+    return {tuple(pixel) for pixel in edges.pixels.round(2).tolist()}
+
+
+def test_the_samples_of_a_keyframe_tell_places(plain):
+    source, frames = plain
+    config = Config().with_overrides(["keyframes.max_translation_m=0.01"])
+    odometry = Odometry(source.camera, config)
+    results = [odometry.track(frame) for frame in frames[:30]]
+    key = odometry._keyframe
+    assert key.index > 0
+    assert results[key.index].edge_scale < 0.55
+    assert len(key.samples) > 300
+    assert positions(key.samples) <= positions(key.telling.edges)
+
+
+def test_samples_drawn_anew_are_moved_for_their_rows(plain, monkeypatch):
+    source, frames = plain
+    odometry = Odometry(source.camera)
+    odometry.track(frames[0])
+    seen = odometry._front_end.see(frames[1], 1, None, near_and_faint())
+    moved = np.float32(32.0)
+
+    def unrolled(edges, velocity, depths=None):
+        return replace(edges, pixels=edges.pixels + moved)
+
+    monkeypatch.setattr(odometry._instants.rolling, "unrolled", unrolled)
+    key = odometry._set_keyframe(odometry._front_end.keep(seen), 1, np.full(6, 0.1))
+    there = np.round(key.samples.pixels - moved, 2).tolist()
+    known = positions(key.telling.edges)  # not moved: no readout is known
+    assert np.mean([tuple(pixel) in known for pixel in there]) > 0.9
+
+
+def near_and_faint():
+    return Detail(1500, is_fine=False, is_near=True, is_faint=True)
+
+
+def test_where_only_faint_edges_are_left_one_dropped_frame_is_no_end(plain):
+    """Without depth alone to fall back on for good: faint edges are looked for again."""
+    source, frames = plain
+    odometry = Odometry(source.camera)
+    results = []
+    for k, frame in enumerate(frames):
+        contrast = max(1 - 0.091 * k, 0.09)
+        grey = (128 + contrast * (frame.grey.astype(float) - 128)).round().astype(np.uint8)
+        if k == 20:
+            results.append(odometry.skip(frame.timestamp, "dropped"))
+        else:
+            results.append(odometry.track(replace(frame, grey=grey)))
+    assert {result.status for result in results[:20]} == {Status.TRACKED}
+    assert {result.edge_scale for result in results[12:20]} == {0.3}
+    assert results[21].edge_scale == 0.55
+    assert {result.status for result in results[24:]} == {Status.TRACKED}
+
+
+def test_a_keyframe_moved_for_its_rows_keeps_them_apart(plain):
+    source, frames = plain
+    odometry = Odometry(source.camera)
+    for frame in frames[:3]:
+        odometry.track(frame)
+    key, instants = odometry._keyframe, odometry._instants
+    instants._held.known = None
+    instants.rolling.estimate = type("Told", (), {"value": 0.02})()
+    changed = instants.renewed(key, np.array([0.5, 0.0, 0.0, 0.0, 0.5, 0.0]))
+    assert changed is not None
+    telling = len(key.telling)
+    assert len(changed.telling) == telling < len(changed.edges) == len(key.edges)
+    np.testing.assert_array_equal(
+        changed.edges.edges.pixels[:telling], changed.telling.edges.pixels
+    )
+    assert np.abs(changed.edges.edges.pixels - key.edges.edges.pixels).max() > 0.5
+
+
+def test_no_more_edges_are_looked_at_than_may_be_gathered(plain, monkeypatch):
+    source, frames = plain
+    odometry = Odometry(source.camera)
+    seen = odometry._front_end.see(frames[0], 0)
+    every = len(odometry._front_end.edges_with_depth(seen))
+    monkeypatch.setattr(front_end, "GATHERED", 50)
+    assert len(odometry._front_end.edges_with_depth(seen)) == 50 < every

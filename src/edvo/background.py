@@ -273,7 +273,7 @@ class Background:
         if len(kept.samples) < MIN_SAMPLES:
             return None
         return self._registration.align(
-            view.key.edges,
+            view.key.edges_for(near=view.seen.is_near),
             kept.samples,
             T_key_start[None],
             view.key.planes,
@@ -367,7 +367,7 @@ class Background:
         assert far is not None
         fits = np.empty((len(far.inverse_depths), len(far.edges)))
         kernels.fit_rays(
-            view.key.edges.grid,
+            view.key.edges_for(near=view.seen.is_near).grid,
             far.rays,
             far.edges.gradients,
             self._pinhole,

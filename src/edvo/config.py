@@ -66,9 +66,9 @@ class EdgesConfig(Section):
     )
     faint_scale: Annotated[float, Field(gt=0, le=1)] = Field(
         default=0.3,
-        description="or to this one, where images follow each other closely and the noise of this "
-        "one allows it: then edges are known again that are too faint to tell places by. 1: never. "
-        "Not in the paper",
+        description="or to this one, where it is less, frames follow each other closely, and the "
+        "noise of the image allows it: then edges are known again that are too faint to tell "
+        "places by; 1: never. Not in the paper",
     )
     noise_margin: Positive = Field(
         default=8.0,
@@ -340,8 +340,9 @@ class KeyframesConfig(Section):
     )
     edge_scale: Annotated[float, Field(gt=0, le=1)] = Field(
         default=0.7,
-        description="Canny's thresholds for a keyframe, times those for the frame that it was, so "
-        "that it knows what other light shows more clearly; 1: the same. Not in the paper",
+        description="Canny's thresholds for the faintest edges of a keyframe, times the lowest for "
+        "a frame that shows what it does, so that it knows what other light shows more clearly; 1: "
+        "the same. Not in the paper",
     )
 
 

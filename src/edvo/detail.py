@@ -32,7 +32,7 @@ class Detail(NamedTuple):
     is_fine : bool
         Whether points lie closely, and planes are fitted to more pixels; see `PlaneFitter`.
     is_near : bool
-        Whether it follows the last frame so closely that all edges of the keyframe may count.
+        Whether all edges of the keyframe may count: neither places nor what moves are told apart.
     is_faint : bool
         Whether faint edges are taken, too; see `thresholds`.
     """

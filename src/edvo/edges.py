@@ -252,7 +252,7 @@ def edges_to_keep(
     )
     scale = share * faint
     every = image if scale == image.scale else _canny_edges(config, buffers, scale)
-    if scale >= telling:
+    if scale == telling:
         return every, len(every)
     order = np.empty_like(every.index)
     count = kernels.put_strong_first(

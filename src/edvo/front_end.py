@@ -131,7 +131,7 @@ class FrontEnd:
         return replace(seen, edges=edges, samples=samples), telling
 
     def edges_with_depth(self, seen: Seen) -> EdgePixels:
-        """Describe edges of what was seen last that have depth: as many as may be gathered.
+        """Describe edges of what was seen last that have depth, at most ``GATHERED`` of them.
 
         Parameters
         ----------
@@ -198,22 +198,22 @@ class FrontEnd:
         if usual:
             samples = samples.every(max(math.ceil(len(samples) / usual), 1))
         every = self._registration.index(edges)
-        by = every
+        tells = every
         if telling is not None and telling < len(edges):
-            by = self._registration.index(edges.first(telling))
+            tells = self._registration.index(edges.first(telling), when_asked=True)
         return Keyframe(
             index=index,
             T_world_key=rigid(T_world_key),
             edges=every,
-            telling=by,
+            telling=tells,
             planes=self._fitter.planes(seen.frame.depth, seen.T_cam_depth, fine=seen.is_fine),
             samples=samples,
             points=thinned(seen.points, self._config.planes.point_step_px),
-            look=Look(by.edges, self._camera),
-            chamfer=ChamferMap(by.edges, self._camera),
+            look=Look(tells.edges, self._camera),
+            chamfer=ChamferMap(tells.edges, self._camera),
             timestamp=seen.frame.timestamp,
             piece=piece,
-            is_faint=by is not every,
+            is_faint=tells is not every,
         )
 
 

@@ -251,7 +251,8 @@ class Instants:
             # what it has gathered was put where its edges were thought to be, and is off by as much
             every = telling = self._registration.index(edges)
             if len(keyframe.telling) < len(edges):
-                telling = self._registration.index(edges.first(len(keyframe.telling)))
+                first = edges.first(len(keyframe.telling))
+                telling = self._registration.index(first, when_asked=True)
             changed = changed.moved(every, telling, self._camera)
             held.rolled = rolled
         if changed is keyframe:

@@ -34,7 +34,7 @@ class Keyframe:
     planes : PlaneMap
         The planes that its depth image shows; none where the term is left out.
     samples : EdgePixels
-        Some of these edges with depth, and
+        Some of those that tell places, with depth, and
     points : PlanePoints
         points on its planes, to register it with a frame the other way round.
     look : Look
@@ -51,7 +51,7 @@ class Keyframe:
     gathered_at : float
         When the last of these was taken, seconds; minus infinity where there is none.
     is_faint : bool
-        Whether it was made with faint edges.
+        Whether it was made with faint edges; what it gathers are others.
     """
 
     index: int
@@ -75,7 +75,7 @@ class Keyframe:
         Parameters
         ----------
         near : bool
-            Whether the frame follows one that was registered with it closely.
+            Whether the frame follows the last one closely, and is not to tell places.
 
         Returns
         -------

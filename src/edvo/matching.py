@@ -81,16 +81,27 @@ class EdgeIndex:
         aside.
     cell_px : float
         Cell size of the grid; a matter of speed only.
+    when_asked : bool
+        Whether the grid is made once it is asked for.
     """
 
-    def __init__(self, edges: EdgePixels, method: Method = "grid", cell_px: float = 4.0) -> None:
+    def __init__(
+        self,
+        edges: EdgePixels,
+        method: Method = "grid",
+        cell_px: float = 4.0,
+        *,
+        when_asked: bool = False,
+    ) -> None:
         self.edges = edges
         self.method = method
         self._grid: kernels.Grid | None = None
         self._tree: kernels.Tree | None = None
         self._near: kernels.NearMap | None = None
         self._cell_px = cell_px
-        if method == "tree":
+        if method == "grid" and not when_asked:
+            self._grid = kernels.build_grid(edges.pixels, edges.gradients, cell_px)
+        elif method == "tree":
             self._tree = kernels.build_tree(edges.pixels, edges.gradients, GRADIENT_SPREAD_PX)
 
     def __len__(self) -> int:
@@ -105,7 +116,7 @@ class EdgeIndex:
 
     @property
     def grid(self) -> kernels.Grid:
-        """The cell grid, which registration runs on; made when asked for."""
+        """The cell grid, which registration runs on."""
         if self.method != "grid":
             raise ValueError(f"an index by {self.method!r} holds no grid; make one by 'grid'")
         if self._grid is None:

@@ -859,7 +859,7 @@ class Odometry:
             covariance=covariance,
             degenerate=degenerate,
             piece=self._pieces.here,
-            edge_scale=seen.edges.scale if seen else 1.0,
+            edge_scale=seen.edges.scale if seen else None,
         )
 
     def _lose(
@@ -891,7 +891,7 @@ class Odometry:
             samples=len(seen.samples) if seen else 0,
             alignment=alignment,
             piece=self._pieces.here,
-            edge_scale=seen.edges.scale if seen else 1.0,
+            edge_scale=seen.edges.scale if seen else None,
         )
 
     def _store_last_good(self) -> None:
@@ -991,15 +991,23 @@ class Odometry:
 
     def _detail(self, timestamp: float) -> Detail:
         """How much to take from a frame: the usual where places, or what moves, are told apart."""
-        sees = not self._blind and not self._pieces.here and not self._is_moving(timestamp)
-        if not sees or not self._follows(timestamp):
+        drifts = self._anchor is not None
+        if (
+            drifts
+            or self._pieces.here
+            or self._is_moving(timestamp)
+            or not self._follows(timestamp)
+        ):
             return usual_detail(self.config)
+        faint = self._keyframe is not None and self._keyframe.is_faint
+        if self._blind:  # faint edges may be all that there are
+            return usual_detail(self.config)._replace(is_near=True, is_faint=faint)
         return worthwhile_detail(
             self.config,
             self.camera,
             self._shared,
             was_fine=self._is_fine,
-            shows_faint=self._keyframe is not None and self._keyframe.is_faint,
+            shows_faint=faint,
         )
 
     def _lead(self, frame: Frame) -> NDArray[np.float64] | None:

@@ -232,18 +232,20 @@ class Registration:
         """Residual, weight function and limits, as the kernels take them."""
         return self._solver
 
-    def index(self, edges: EdgePixels) -> EdgeIndex:
+    def index(self, edges: EdgePixels, *, when_asked: bool = False) -> EdgeIndex:
         """Arrange reference edges for the search.
 
         Parameters
         ----------
         edges : EdgePixels
+        when_asked : bool
+            Whether to do so once a search asks for it.
 
         Returns
         -------
         EdgeIndex
         """
-        return EdgeIndex(edges, "grid", self._cell_px)
+        return EdgeIndex(edges, "grid", self._cell_px, when_asked=when_asked)
 
     def align(
         self,

@@ -33,7 +33,7 @@ def threshold_scale(
     """
     if not config.strong_share:
         return 1.0
-    high, floor = config.grey_steps * config.high, config.least_scale
+    high, floor = config.grey_steps * max(config.low, config.high), config.least_scale
     counts = np.zeros(min(math.ceil(high), STRONGEST) + 1, np.int32)
     kernels.count_strengths(du, dv, STEP_PX, counts)
     if faint:
@@ -43,13 +43,14 @@ def threshold_scale(
 
 
 def exceeded(counts: NDArray[np.int32], share: float) -> int:
-    """Tell what this share of the pixels exceeds, at most.
+    """Tell which strength this share of the pixels exceeds, at most.
 
     Parameters
     ----------
     counts : ndarray of int32, shape (N,)
-        How many pixels have the strength 0, 1, and so on.
+        How many pixels have the strength 0, 1, and so on, in steps of ``|du| + |dv|``.
     share : float
+        Of all of them, in [0, 1).
 
     Returns
     -------
@@ -60,7 +61,7 @@ def exceeded(counts: NDArray[np.int32], share: float) -> int:
 
 
 def undercut(counts: NDArray[np.int32], share: float) -> float:
-    """Tell below what this share of those pixels lies that have any strength.
+    """Tell which strength this share of the pixels that have any stays below.
 
     Those without lie in what is black or white, where noise is cut off.
 
@@ -69,6 +70,7 @@ def undercut(counts: NDArray[np.int32], share: float) -> float:
     counts : ndarray of int32, shape (N,)
         As for `exceeded`.
     share : float
+        Of those with any, in (0, 1].
 
     Returns
     -------

@@ -54,8 +54,9 @@ class TrackedFrame:
         where the camera was expected after it was lost for a second: poses given for
         one piece belong together, but where it is to another is a guess. Its frames are at best
         ``DEGRADED``. Once it is found what was seen before, those that follow belong to that piece.
-    edge_scale : float
-        By which Canny's thresholds were multiplied; see ``edges.strong_share``.
+    edge_scale : float or None
+        By which Canny's thresholds were multiplied, see ``edges.strong_share``; 1 for other
+        extractors. None where no edges were looked for.
     """
 
     timestamp: float
@@ -72,4 +73,4 @@ class TrackedFrame:
     covariance: NDArray[np.float64] | None = None
     degenerate: tuple[str, ...] = ()
     piece: int = 0
-    edge_scale: float = 1.0
+    edge_scale: float | None = None

@@ -150,12 +150,11 @@ class KeyframeWindow:
         samples = seen.samples.every(stride)
         term = term._replace(weight=term.weight / stride)  # of all points, beside these edges
         start = self._between(i, -1)[None]
-        found = self._registration.align(key.edges, samples, start, key.planes, points, term)
+        edges = key.edges_for(near=seen.is_near)
+        found = self._registration.align(edges, samples, start, key.planes, points, term)
         if not found.converged or found.agreeing < LEAST_FIT * len(samples):
             return None
-        covariance = self._uncertainty.covariance(
-            key.edges, samples, key.planes, points, term, found
-        )
+        covariance = self._uncertainty.covariance(edges, samples, key.planes, points, term, found)
         return Link(i, len(self._poses) - 1, found.T_ref_cur, covariance)
 
     def _surprise(self, link: Link) -> float:
