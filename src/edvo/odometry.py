@@ -44,6 +44,7 @@ logger = logging.getLogger(__name__)
 LONGEST_PREDICTION_S = 0.2  # beyond it a constant velocity says nothing about a hand
 CRUISE_S = 0.5  # that the velocity is averaged over which a lost camera is expected to keep
 LONGEST_GAP_S = 1.0  # for so long
+LONG_SURE_S = 3.0  # after so long in doubt a pose that was sure tells nothing
 SHORTEST_PERIOD_S = 1e-3  # closer stamps are no more than a clock's jitter
 RECOVERY_PERIOD_S = 0.15  # then it is held against the stored keyframes no more often than that
 # Lost for longer, by time and by frames, a frame may show any place that was seen before.
@@ -183,6 +184,8 @@ class Odometry:
         self._moving_time = -math.inf  # when something was last seen to move by itself
         self._doubt_time, self._doubt = -math.inf, MOVED
         self._sure = True  # whether the last pose was tracked
+        # When one was last, and by which keyframe where.
+        self._last_sure: tuple[float, Keyframe, NDArray[np.float64]] | None = None
         self._count = 0
         self._timestamps: list[float] = []
         self._poses: list[NDArray[np.float64]] = []
@@ -505,6 +508,7 @@ class Odometry:
         """Begin to count anew where a clock has jumped back, as a recording that starts over."""
         if self._last_time is not None and timestamp < self._last_time - BACK_S:
             self._last_time, self._last_recovery = timestamp, -math.inf
+            self._last_sure = None
             self._doubt_time = self._moving_time = -math.inf
             self._pieces.rewind(timestamp)
             self._chain.forget()
@@ -620,13 +624,16 @@ class Odometry:
                 self._T_world_last @ se3.exp(self._velocity * last),
                 T_world_known @ se3.exp(self._cruise * seen_last),
             ]
-            recovered = self._search.everywhere(self._store, self._keyframe, seen, expected, gap)
+            recovered = self._search.everywhere(
+                self._store, self._keyframe, seen, expected, gap, self._before_doubt(timestamp)
+            )
             if recovered is not None:
                 self._keyframe, alignment = recovered
                 self._blind, self._T_key_last = False, alignment.T_ref_cur  # not moved, but found
                 self._witness.forget()  # what it saw from poses that were doubtful, or of a hand
                 self._background.forget()
                 self._last_good.forget()
+                self._last_sure = None
                 self._pieces.enter(self._keyframe.piece, timestamp - self._unseen(timestamp))
                 sure = self._sure and not apart and not self._pieces.here
                 if sure:
@@ -634,6 +641,12 @@ class Odometry:
                 self._doubt_time, self._doubt = timestamp, ASTRAY
                 return self._accept(seen, Status.DEGRADED, ASTRAY, alignment)
         return None
+
+    def _before_doubt(self, timestamp: float) -> tuple[Keyframe, NDArray[np.float64]] | None:
+        """Where it was when it was last sure, if it was lost from a doubtful pose soon after."""
+        if self._sure or self._last_sure is None or timestamp - self._last_sure[0] > LONG_SURE_S:
+            return None
+        return self._last_sure[1:]
 
     def _is_expected_nowhere(self, timestamp: float) -> bool:
         """Whether it is lost for so long that it may begin anew, once images have settled."""
@@ -664,6 +677,7 @@ class Odometry:
         self._doubt_time = self._moving_time = -math.inf
         self._last_time = timestamp
         self._last_good.forget()
+        self._last_sure = None
         self._remember(seen)
         logger.info("frame %d: begun anew", self._count)
         return self._keep(
@@ -693,6 +707,7 @@ class Odometry:
             self._anchor = self._anchor[0], T @ self._anchor[1]
         self._pieces.here = self._keyframe.piece
         self._last_good.forget()
+        self._last_sure = None
         self._T_key_last = joined.T_ref_cur @ se3.inverse(T_last_cur)
         self._witness.forget()
         self._background.forget()
@@ -743,6 +758,7 @@ class Odometry:
             status, reason = Status.DEGRADED, self._doubt
         self._sure = status is Status.TRACKED
         if self._sure:
+            self._last_sure = timestamp, keyframe, T_key_cur.copy()
             self._judge.note(alignment)
             compared = keyframe.planes, registered.points, self._fitter.term
             self._shared.note(keyframe.edges.edges, alignment, period, *compared)

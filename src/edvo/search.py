@@ -194,6 +194,7 @@ class Search:
         seen: Seen,
         expected: Sequence[NDArray[np.float64]],
         gap_s: float,
+        sure: tuple[Keyframe, NDArray[np.float64]] | None = None,
     ) -> tuple[Keyframe, Alignment] | None:
         """Find the keyframe that the frame of a lost camera fits, beyond doubt and both ways.
 
@@ -212,14 +213,21 @@ class Search:
             Where the camera may be expected, T_world_cam.
         gap_s : float
             For how long it has been lost.
+        sure : (Keyframe, ndarray of float64, shape (4, 4)), optional
+            Where it was beyond doubt before it was lost: T_key_cur. What it has followed since, a
+            hand for instance, may look liker the frame, and have led it away.
 
         Returns
         -------
         (Keyframe, Alignment) or None
         """
+        if sure is not None:
+            expected = [*expected, sure[0].T_world_key @ sure[1]]
         hunt = self._hunt(seen, expected, gap_s)
         look = Look(hunt.edges.edges, self._camera)
         likest = store.likest(look, self._config.keyframes.tried)
+        if sure is not None and all(key.index != sure[0].index for key in likest):
+            likest.append(sure[0])
         starts = [(last, se3.inverse(last.T_world_key) @ T_world_cam) for T_world_cam in expected]
         starts += [(key, np.eye(4)) for key in likest]
         starts += self._rivals  # a doubt lasts until one of them no longer fits
