@@ -40,7 +40,9 @@ class Given:
 
 def keyframe(index, T_world_key):
     edges = SimpleNamespace(index=index, T_world_key=T_world_key)
-    return SimpleNamespace(index=index, T_world_key=T_world_key, edges=edges, planes=None)
+    return SimpleNamespace(
+        index=index, T_world_key=T_world_key, edges_for=lambda *, near: edges, planes=None
+    )
 
 
 def at(x, y=0.0, z=0.0):
@@ -55,7 +57,7 @@ class Samples(list):
         return self[::stride]
 
 
-SEEN = SimpleNamespace(samples=Samples(range(200)), points=None)
+SEEN = SimpleNamespace(samples=Samples(range(200)), points=None, is_near=True)
 
 
 class Walk:
@@ -86,7 +88,10 @@ def test_a_second_registration_takes_no_more_samples_than_are_quick(samples, str
     given = Given(at(0.2))
     walk = Walk(given)
     for _ in range(2):
-        walk.go(at(0.1), seen=SimpleNamespace(samples=Samples(range(samples)), points=None))
+        walk.go(
+            at(0.1),
+            seen=SimpleNamespace(samples=Samples(range(samples)), points=None, is_near=True),
+        )
     assert given.given == (samples // stride, 1 / stride)
 
 

@@ -340,9 +340,9 @@ class KeyframesConfig(Section):
     )
     edge_scale: Annotated[float, Field(gt=0, le=1)] = Field(
         default=0.7,
-        description="Canny's thresholds for the faintest edges of a keyframe, times the lowest for "
-        "a frame that shows what it does, so that it knows what other light shows more clearly; 1: "
-        "the same. Not in the paper",
+        description="Canny's thresholds for the faintest edges of a keyframe, where they follow "
+        "the image, times the lowest for a frame that shows what it does, so that it knows what "
+        "other light shows more clearly; 1: the same. Not in the paper",
     )
 
 

@@ -234,7 +234,7 @@ def edges_to_keep(
     image : EdgeImage
         The last that was written to the buffers.
     config : EdgesConfig
-        As for `extract_edges`; only Canny tells what is faint.
+        As for `extract_edges`; only Canny tells what is faint, by thresholds that follow the image.
     buffers : EdgeBuffers
     share : float
         By which thresholds that have sunk as far as noise allows are multiplied.
@@ -245,7 +245,7 @@ def edges_to_keep(
     telling : int
         How many of them tell places: all that `extract_edges` finds without faint ones.
     """
-    if config.extractor != "canny":
+    if config.extractor != "canny" or not config.strong_share:
         return image, len(image)
     telling, faint = (
         threshold_scale(buffers.du, buffers.dv, config, faint=faint) for faint in (False, True)

@@ -29,7 +29,7 @@ VARIANTS = (
     Variant("edges: no blur", ("edges.blur_px=0",)),
     Variant("edges: of a blur in whole grey levels", ("edges.grey_steps=1",)),
     Variant("edges: of a blur in eighths of grey levels", ("edges.grey_steps=8",)),
-    Variant("edges: fixed thresholds", ("edges.strong_share=0", "keyframes.edge_scale=1")),
+    Variant("edges: fixed thresholds", ("edges.strong_share=0",)),
     Variant("edges: thresholds that follow the image", ("edges.strong_share=0.1",)),
     Variant("edges: none fainter where noise allows", ("edges.faint_scale=1",)),
     Variant(
