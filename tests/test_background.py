@@ -29,10 +29,8 @@ from .test_witness import CAMERA, STILL, noisy, room
 
 PINHOLE = kernels.Pinhole(535.4, 539.2, 320.1, 247.6, 640, 480)
 FOLLOW = ("status.moving=follow",)
-LATE = (
-    "edges.grey_steps=1",
-    "keyframes.edge_scale=1",
-)  # by whose luck these people are noticed late
+# by whose luck these people are noticed late
+LATE = ("edges.grey_steps=1", "keyframes.edge_scale=1")
 
 
 def background() -> Background:

@@ -13,9 +13,10 @@ from edvo.detail import Detail
 from edvo.edges import EdgeBuffers, edges_to_keep, extract_edges, slopes
 from edvo.odometry import Odometry, Status
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
-from edvo.thresholds import STEP_PX, exceeded, threshold_scale, undercut
+from edvo.thresholds import STEP_PX, exceeded, threshold_scales, undercut
 
 from . import problems
+from .test_kernels import both
 
 SHAPE = (240, 320)
 HIGH = EdgesConfig().high
@@ -32,7 +33,8 @@ def noisy(sigma, contrast=0.0, seed=0):
 def scale_of(grey, *, faint, **changes):
     config, buffers = EdgesConfig(**changes), EdgeBuffers(*grey.shape)
     slopes(grey, config, buffers)
-    return threshold_scale(buffers.du, buffers.dv, config, faint=faint)
+    scales = threshold_scales(buffers.du, buffers.dv, config)
+    return scales.faint if faint else scales.usual
 
 
 def indices(grey, **changes):
@@ -42,13 +44,19 @@ def indices(grey, **changes):
 def test_strengths_are_counted_as_by_numpy():
     rng = np.random.default_rng(5)
     du, dv = rng.normal(0, 60, (2, 50, 66)).astype(np.int16)
-    counts = np.zeros(200, np.int32)
-    kernels.count_strengths(du, dv, STEP_PX, counts)
     half = STEP_PX // 2
-    strength = np.abs(du[half::STEP_PX, half::STEP_PX].astype(int))
-    strength += np.abs(dv[half::STEP_PX, half::STEP_PX])
-    expected = np.bincount(np.minimum(strength.ravel(), 199), minlength=200)
-    np.testing.assert_array_equal(counts, expected)
+
+    def counted():
+        counts = np.zeros(200, np.int32)
+        kernels.count_strengths(du, dv, STEP_PX, counts)
+        return counts
+
+    def twin():
+        strength = np.abs(du[half::STEP_PX, half::STEP_PX].astype(int))
+        strength += np.abs(dv[half::STEP_PX, half::STEP_PX])
+        return np.bincount(np.minimum(strength.ravel(), 199), minlength=200)
+
+    np.testing.assert_array_equal(*both("count_strengths", counted, twin))
 
 
 @settings(deadline=None)
@@ -150,12 +158,18 @@ def test_strong_edges_are_those_of_canny_on_any_gradients():
             kernels.canny_edges(du, dv, np.int32(low), np.int32(high), marks, room)
             found.append(np.flatnonzero(marks).astype(np.int32))
         strong, every = found
-        order = np.empty_like(every)
-        bounds = np.int32(35), np.int32(90)
-        count = kernels.put_strong_first(every, du, dv, *bounds, marks, room, order)
-        np.testing.assert_array_equal(order[:count], strong)
-        np.testing.assert_array_equal(order[count:], np.setdiff1d(every, strong))
-        assert 50 < count < len(every)
+        order, given = np.empty_like(every), (every, du, dv, np.int32(35), np.int32(90))
+
+        def apart(given=given, marks=marks, room=room, order=order):
+            count = kernels.put_strong_first(*given, marks, room, order)
+            return order[:count], order[count:]
+
+        def twin(strong=strong, every=every):
+            return strong, np.setdiff1d(every, strong)
+
+        for kernel, expected in zip(*both("put_strong_first", apart, twin), strict=True):
+            np.testing.assert_array_equal(kernel, expected)
+        assert 50 < len(strong) < len(every)
 
 
 def test_of_other_extractors_and_the_paper_it_keeps_the_same():

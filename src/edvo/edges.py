@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from edvo import kernels
 from edvo.camera import Camera
 from edvo.config import EdgesConfig
-from edvo.thresholds import STRONGEST, threshold_scale
+from edvo.thresholds import STRONGEST, threshold_scales
 
 DOG_RATIO = 1.6  # of the two Gaussians: nearest to the Laplacian of a Gaussian (Marr 1980)
 BINOMIAL_PX, BINOMIAL_BITS = 5, 8  # the blur that a kernel does, and the bits that it adds
@@ -218,7 +218,8 @@ def extract_edges(
     slopes(grey, config, buffers)
     if config.extractor == "canny":
         if scale is None:
-            scale = threshold_scale(buffers.du, buffers.dv, config, faint=faint)
+            scales = threshold_scales(buffers.du, buffers.dv, config)
+            scale = scales.faint if faint else scales.usual
         return _canny_edges(config, buffers, scale)
     MASKS[config.extractor](grey, config, buffers)
     return _collected(config, buffers)
@@ -247,19 +248,17 @@ def edges_to_keep(
     """
     if config.extractor != "canny" or not config.strong_share:
         return image, len(image)
-    telling, faint = (
-        threshold_scale(buffers.du, buffers.dv, config, faint=faint) for faint in (False, True)
-    )
-    scale = share * faint
+    scales = threshold_scales(buffers.du, buffers.dv, config)
+    scale = share * scales.faint
     every = image if scale == image.scale else _canny_edges(config, buffers, scale)
-    if scale == telling:
+    if scale == scales.usual:
         return every, len(every)
     order = np.empty_like(every.index)
     count = kernels.put_strong_first(
         every.index,
         buffers.du,
         buffers.dv,
-        *_bounds(config, telling),
+        *_bounds(config, scales.usual),
         buffers.mask,
         buffers.room,
         order,

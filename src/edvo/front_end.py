@@ -197,10 +197,8 @@ class FrontEnd:
         samples, usual = seen.samples, self._config.sampling.count
         if usual:
             samples = samples.every(max(math.ceil(len(samples) / usual), 1))
-        every = self._registration.index(edges)
-        tells = every
-        if telling is not None and telling < len(edges):
-            tells = self._registration.index(edges.first(telling), when_asked=True)
+        first = len(edges) if telling is None else telling
+        every, tells = self._registration.indices(edges, first)
         return Keyframe(
             index=index,
             T_world_key=rigid(T_world_key),

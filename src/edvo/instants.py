@@ -249,10 +249,7 @@ class Instants:
             depths = depth_at_edges(held.depth, held.index, self._rough)
             edges = self.rolling.unrolled(held.edges, held.velocity, depths)
             # what it has gathered was put where its edges were thought to be, and is off by as much
-            every = telling = self._registration.index(edges)
-            if len(keyframe.telling) < len(edges):
-                first = edges.first(len(keyframe.telling))
-                telling = self._registration.index(first, when_asked=True)
+            every, telling = self._registration.indices(edges, len(keyframe.telling))
             changed = changed.moved(every, telling, self._camera)
             held.rolled = rolled
         if changed is keyframe:

@@ -100,7 +100,7 @@ class EdgeIndex:
         self._near: kernels.NearMap | None = None
         self._cell_px = cell_px
         if method == "grid" and not when_asked:
-            self._grid = kernels.build_grid(edges.pixels, edges.gradients, cell_px)
+            self._grid = self._built_grid()
         elif method == "tree":
             self._tree = kernels.build_tree(edges.pixels, edges.gradients, GRADIENT_SPREAD_PX)
 
@@ -120,9 +120,11 @@ class EdgeIndex:
         if self.method != "grid":
             raise ValueError(f"an index by {self.method!r} holds no grid; make one by 'grid'")
         if self._grid is None:
-            edges = self.edges
-            self._grid = kernels.build_grid(edges.pixels, edges.gradients, self._cell_px)
+            self._grid = self._built_grid()
         return self._grid
+
+    def _built_grid(self) -> kernels.Grid:
+        return kernels.build_grid(self.edges.pixels, self.edges.gradients, self._cell_px)
 
     def match(
         self,

@@ -178,14 +178,12 @@ class Odometry:
             self._judge,
         )
         self._pieces = Pieces()
-        self._last_good.forget()
-        self._witness.forget()
-        self._background.forget()
         self._moving_time = -math.inf  # when something was last seen to move by itself
         self._doubt_time, self._doubt = -math.inf, MOVED
         self._sure = True  # whether the last pose was tracked
         # When one was last, and by which keyframe where.
         self._last_sure: tuple[float, Keyframe, NDArray[np.float64]] | None = None
+        self._forget_the_way()
         self._count = 0
         self._timestamps: list[float] = []
         self._poses: list[NDArray[np.float64]] = []
@@ -630,10 +628,7 @@ class Odometry:
             if recovered is not None:
                 self._keyframe, alignment = recovered
                 self._blind, self._T_key_last = False, alignment.T_ref_cur  # not moved, but found
-                self._witness.forget()  # what it saw from poses that were doubtful, or of a hand
-                self._background.forget()
-                self._last_good.forget()
-                self._last_sure = None
+                self._forget_the_way()
                 self._pieces.enter(self._keyframe.piece, timestamp - self._unseen(timestamp))
                 sure = self._sure and not apart and not self._pieces.here
                 if sure:
@@ -641,6 +636,13 @@ class Odometry:
                 self._doubt_time, self._doubt = timestamp, ASTRAY
                 return self._accept(seen, Status.DEGRADED, ASTRAY, alignment)
         return None
+
+    def _forget_the_way(self) -> None:
+        """Drop what was seen on the way here: from poses that are doubtful by now, or of a hand."""
+        self._witness.forget()
+        self._background.forget()
+        self._last_good.forget()
+        self._last_sure = None
 
     def _before_doubt(self, timestamp: float) -> tuple[Keyframe, NDArray[np.float64]] | None:
         """Where it was when it was last sure, if it was lost from a doubtful pose soon after."""
@@ -672,12 +674,9 @@ class Odometry:
         self._shared.forget()
         self._chain.forget()
         self._search.forget()
-        self._witness.forget()
-        self._background.forget()
+        self._forget_the_way()
         self._doubt_time = self._moving_time = -math.inf
         self._last_time = timestamp
-        self._last_good.forget()
-        self._last_sure = None
         self._remember(seen)
         logger.info("frame %d: begun anew", self._count)
         return self._keep(
@@ -706,11 +705,8 @@ class Odometry:
         if self._anchor is not None:
             self._anchor = self._anchor[0], T @ self._anchor[1]
         self._pieces.here = self._keyframe.piece
-        self._last_good.forget()
-        self._last_sure = None
+        self._forget_the_way()
         self._T_key_last = joined.T_ref_cur @ se3.inverse(T_last_cur)
-        self._witness.forget()
-        self._background.forget()
         self._doubt_time, self._doubt = timestamp, ASTRAY
         return joined
 
@@ -1007,13 +1003,8 @@ class Odometry:
 
     def _detail(self, timestamp: float) -> Detail:
         """How much to take from a frame: the usual where places, or what moves, are told apart."""
-        drifts = self._anchor is not None
-        if (
-            drifts
-            or self._pieces.here
-            or self._is_moving(timestamp)
-            or not self._follows(timestamp)
-        ):
+        apart = self._anchor is not None or self._pieces.here or self._is_moving(timestamp)
+        if apart or not self._follows(timestamp):
             return usual_detail(self.config)
         faint = self._keyframe is not None and self._keyframe.is_faint
         if self._blind:  # faint edges may be all that there are

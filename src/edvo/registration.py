@@ -232,20 +232,37 @@ class Registration:
         """Residual, weight function and limits, as the kernels take them."""
         return self._solver
 
-    def index(self, edges: EdgePixels, *, when_asked: bool = False) -> EdgeIndex:
+    def index(self, edges: EdgePixels) -> EdgeIndex:
         """Arrange reference edges for the search.
 
         Parameters
         ----------
         edges : EdgePixels
-        when_asked : bool
-            Whether to do so once a search asks for it.
 
         Returns
         -------
         EdgeIndex
         """
-        return EdgeIndex(edges, "grid", self._cell_px, when_asked=when_asked)
+        return EdgeIndex(edges, "grid", self._cell_px)
+
+    def indices(self, edges: EdgePixels, first: int) -> tuple[EdgeIndex, EdgeIndex]:
+        """Arrange reference edges, and the first of them apart, once a search asks for these.
+
+        Parameters
+        ----------
+        edges : EdgePixels
+        first : int
+            How many.
+
+        Returns
+        -------
+        every, some : EdgeIndex
+            The same one where the first are all.
+        """
+        every = self.index(edges)
+        if first >= len(edges):
+            return every, every
+        return every, EdgeIndex(edges.first(first), "grid", self._cell_px, when_asked=True)
 
     def align(
         self,

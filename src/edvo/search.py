@@ -343,9 +343,8 @@ class Search:
 
         Each place once for each keyframe: one may show enough of it, another not.
         """
-        fits = []
+        fits, near = [], hunt.seen.is_near
         for key, start in starts:
-            near = hunt.seen.is_near
             tried = self._register(key, hunt.few, hunt.seen.points, start, hunt.term, near=near)
             T_world_cam = key.T_world_key @ tried.T_ref_cur
             fit = agreement(tried, key.planes, hunt.seen.points) * hunt.prior(T_world_cam)
@@ -373,9 +372,8 @@ class Search:
         places: list[_Place] = []
         for key, start in promising:
             T_key_start = se3.inverse(key.T_world_key) @ start
-            near = seen.is_near
             found = self._register(
-                key, seen.samples, seen.points, T_key_start, hunt.term, near=near
+                key, seen.samples, seen.points, T_key_start, hunt.term, near=seen.is_near
             )
             T_world_cam = key.T_world_key @ found.T_ref_cur
             if hunt.must_be_sure and not self._judge.is_sure(found):

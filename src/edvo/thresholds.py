@@ -1,6 +1,7 @@
 """How far Canny's thresholds sink where an image is plain or dark. Not in the paper."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,33 +14,43 @@ STEP_PX = 4  # a sixteenth of the pixels tells how strong their gradients are
 QUIET_SHARE = 0.25  # of the pixels that have a gradient: on so many it is taken for noise
 
 
-def threshold_scale(
-    du: NDArray[np.int16], dv: NDArray[np.int16], config: EdgesConfig, *, faint: bool = False
-) -> float:
-    """Tell by what the thresholds on ``|du| + |dv|`` are multiplied.
+class Scales(NamedTuple):
+    """By what the thresholds on ``|du| + |dv|`` are multiplied, in (0, 1].
+
+    Attributes
+    ----------
+    usual : float
+        So that the edges tell places.
+    faint : float
+        As low as the noise of the image allows; no more than ``usual``.
+    """
+
+    usual: float
+    faint: float
+
+
+def threshold_scales(du: NDArray[np.int16], dv: NDArray[np.int16], config: EdgesConfig) -> Scales:
+    """Tell how far the thresholds sink for an image.
 
     Parameters
     ----------
     du, dv : ndarray of int16, shape (H, W)
         Sobel gradients, in ``config.grey_steps``-ths of a grey level.
     config : EdgesConfig
-    faint : bool, optional
-        Whether they may sink as far as the noise of this image allows.
 
     Returns
     -------
-    float
-        In (0, 1].
+    Scales
     """
     if not config.strong_share:
-        return 1.0
-    high, floor = config.grey_steps * max(config.low, config.high), config.least_scale
+        return Scales(1.0, 1.0)
+    high = config.grey_steps * max(config.low, config.high)
     counts = np.zeros(min(math.ceil(high), STRONGEST) + 1, np.int32)
     kernels.count_strengths(du, dv, STEP_PX, counts)
-    if faint:
-        noise = config.noise_margin * undercut(counts, QUIET_SHARE) / high
-        floor = min(floor, max(noise, config.faint_scale))
-    return min(max(exceeded(counts, config.strong_share) / high, floor), 1.0)
+    strong = exceeded(counts, config.strong_share) / high
+    noise = config.noise_margin * undercut(counts, QUIET_SHARE) / high
+    lowest = min(config.least_scale, max(noise, config.faint_scale))
+    return Scales(*(min(max(strong, floor), 1.0) for floor in (config.least_scale, lowest)))
 
 
 def exceeded(counts: NDArray[np.int32], share: float) -> int:
