@@ -315,6 +315,7 @@ def solver(config=None, **changes):
         "max_iterations": config.max_iterations,
         "switch_px": MatchingConfig().switch_px,
         "stop_px": config.stop_px,
+        "stop_share": config.stop_share,
         "leave_px": 0.0,
         "stop_cost": config.stop_decrease,
         "damping": config.damping,

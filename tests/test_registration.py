@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -397,3 +399,33 @@ def test_a_match_must_turn_little():
     ).sum(axis=1)
     assert (dot >= np.cos(np.radians(30)) - 1e-6).all()
     assert seen[1::2].all()
+
+
+def scattered(problem, px):
+    """Samples that lie beside their edges."""
+    seen = problem.samples
+    off = np.random.default_rng(0).normal(0, px, (len(seen), 1)).astype(np.float32)
+    return replace(problem, samples=replace(seen, pixels=seen.pixels + off * seen.gradients))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_is_left_is_little_beside_the_scale(seed):
+    """Sharp edges constrain some motions hardly, which a step of 0.03 px may leave far off."""
+    problem = scattered(moved(seed), 0.05)
+    rule = {"stop_decrease": 0.0, "first_sigma_px": 0.0, "stop_px": 0.3}
+    settled = register(problem, **rule, stop_share=1e-4)
+    early, late = (register(problem, **rule, stop_share=share) for share in (0.0, 0.05))
+    assert early.steps()[-1].step_px > 0.05 * early.sigma_px  # else this tells nothing
+    assert late.iterations > early.iterations
+    last = late.steps()[-1]
+    assert last.step_px < 0.05 * last.sigma_px or late.reason != "converged"
+    off = [problems.error(settled.T_ref_cur, each.T_ref_cur)[0] for each in (early, late)]
+    assert off[1] < 0.5 * off[0]
+
+
+def test_where_edges_scatter_widely_the_bound_in_pixels_holds():
+    problem = scattered(moved(0), 2.0)
+    either = [register(problem, stop_share=share) for share in (0.0, 0.05)]
+    assert either[0].sigma_px > 0.03 / 0.05
+    assert either[0].iterations == either[1].iterations
+    np.testing.assert_array_equal(*(each.T_ref_cur for each in either))

@@ -116,6 +116,18 @@ def test_sharper_is_clearer_with_depth_no_worse(crisp):
     assert not is_sharper(replace(more, reason=FAILURES[1]), before)
 
 
+def test_hardly_clearer_is_no_sharper(crisp):
+    """Two crowds may be all but alike, one of them a centimetre off."""
+    before = crowded(crisp, 0.6, 0.4)
+    wide = np.flatnonzero(before.residuals > 2)
+    for moved, sharper in ((2, False), (20, True)):
+        residuals = before.residuals.copy()
+        residuals[wide[:moved]] = 0.1
+        after = replace(before, residuals=residuals)
+        assert clarity(after) > clarity(before)
+        assert is_sharper(after, before) == sharper
+
+
 @pytest.mark.parametrize("finer", ["measured", "none"])
 def test_the_usual_depth_is_an_area_not_a_count(finer):
     """Points that lie closely stand for less each."""

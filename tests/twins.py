@@ -318,7 +318,8 @@ def align(edges, points, gradients, camera, T, robust_criterion, normal_criterio
             step = solve_damped(H, b, damping)
             change = np.sqrt(step @ H @ step / W.sum())
             iterations += 1
-            if change < enough:
+            share = solver.stop_share if criterion is normal_criterion else 0
+            if change < (min(enough, share * sigma) if share else enough):
                 T = se3.exp(step) @ T
                 break
             longer = None

@@ -198,6 +198,11 @@ class RegistrationConfig(Section):
     stop_px: Positive = Field(
         default=0.03, description="converged once a step changes the residuals by less (rms)"
     )
+    stop_share: Annotated[float, Field(ge=0)] = Field(
+        default=0.05,
+        description="and by less than that share of their scale: where edges are sharp, what "
+        "they hardly constrain is far from settled otherwise; 0: whatever their scale",
+    )
     far_leave_px: Annotated[float, Field(ge=0)] = Field(
         default=0.08,
         description="where steps between frames are far, converged as soon as the steps of the "
@@ -639,6 +644,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "registration": {
             "weight": "t",
             "coarse_samples": 0,
+            "stop_share": 0.0,
             "far_leave_px": 0.0,
             "first_sigma_px": 0.0,
             "first_samples": 0,

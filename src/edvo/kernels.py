@@ -242,6 +242,7 @@ class Solver(NamedTuple):
     max_iterations: int
     switch_px: float  # rms change of the residuals below which the normal criterion takes over
     stop_px: float  # rms change below which the iteration has converged
+    stop_share: float  # of the scale that it has to be below, too; 0: no matter
     leave_px: float  # as soon as steps leave less, or that share of a finer scale; 0: not before
     stop_cost: float  # relative decrease of the cost below which it has converged
     damping: float  # lambda at the start
@@ -2284,7 +2285,8 @@ def align(
     """Register samples (points, gradients) with a reference, Eq. (13)-(14), from the best start.
 
     Stage 0 matches by the robust criterion until the steps fall below ``switch_px``, stage 1 by
-    the normal one until they fall below ``stop_px`` (§V-B), or leave less than ``leave_px`` to go.
+    the normal one until they fall below ``stop_px`` (§V-B) and ``stop_share`` of the scale, or
+    leave less than ``leave_px`` to go.
     Where a map of edges nearby is given they are looked up first: few samples, no search; and
     stage 0 follows only if that does not converge. A step counts by the rms change of the
     residuals that it predicts. Writes T, H (weights included), index (of the matches among the
@@ -2410,6 +2412,8 @@ def align(
             iterations += 1
             trial_T = product(exp_se3(step), T)
             left = max(left_to_go(change, before), change / 2)
+            if stage == last_stage and solver.stop_share > 0:
+                enough = min(solver.stop_px, solver.stop_share * sigma)
             if change < enough or (stage == last_stage and left < solver.leave_px * min(sigma, 1)):
                 # too small a step to be worth a trial
                 T[:] = trial_T

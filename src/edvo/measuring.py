@@ -19,6 +19,7 @@ LONGEST_S = 0.2  # between frames, for the velocity to be known
 MEMORY_S = 5.0  # that a number is taken from: clocks wander
 SETTLING_S = 1.0  # that a misfit is averaged over, which its changes are taken from
 SHARED = 100.0  # points and edges that err together, from frame to frame too: so many count as one
+SHARP_PX = 0.1  # edges that happen to fit more closely are no more certain
 GATE = 3.0  # sigmas, that a frame may be off by
 SURE = 2.0  # sigmas from 0, for a number to be one
 
@@ -130,7 +131,7 @@ class Estimate:
         taken = taken_by_pose(alignment.H, told.mixed)
         if taken is None:
             return
-        scale = 1 / alignment.sigma_px**2
+        scale = 1 / max(alignment.sigma_px, SHARP_PX) ** 2
         information = max(told.curvature - float(told.mixed @ taken), 0.0) * scale
         gradient = (told.gradient - float(taken @ told.gradient_pose)) * scale
         self.note(information, -gradient, seconds)

@@ -218,6 +218,7 @@ class Registration:
             max_iterations=registration.max_iterations,
             switch_px=matching.switch_px,
             stop_px=registration.stop_px,
+            stop_share=registration.stop_share,
             leave_px=0.0,
             stop_cost=registration.stop_decrease,
             damping=registration.damping,

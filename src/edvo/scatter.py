@@ -16,6 +16,7 @@ RANGE_PX = 3.0  # residuals that tell crowds apart,
 BIN_PX = 0.05  # so finely,
 CROWDS_PX = np.geomspace(0.1, 1.5, 12)  # by crowds so wide
 SHARES = np.arange(0.3, 0.95, 0.1)  # and of so many of the edges
+CLEARLY = 10.0  # in log-likelihood: 5 is strong evidence, of edges that do not err side by side
 NO_WORSE = 0.95  # times what depth fitted: no less than chance
 LEAST_AREA = 0.04  # of the image; less of it on planes says nothing
 LEFT = 0.8  # of what lay on planes, where nothing has come before the lens
@@ -127,7 +128,8 @@ def is_sharper(alignment: Alignment, other: Alignment) -> bool:
     """Whether a registration crowds edges more clearly in their places, and depth no worse.
 
     Light leaves two crowds of edges, and depth as it is; a shutter that rolls, or blur, widens
-    the only crowd, and a stamp that is wrong moves depth, too.
+    the only crowd, and a stamp that is wrong moves depth, too. A crowd that is hardly clearer is
+    no reason to leave where the motion led: it may be of another edge.
 
     Parameters
     ----------
@@ -137,7 +139,7 @@ def is_sharper(alignment: Alignment, other: Alignment) -> bool:
     -------
     bool
     """
-    clearer = clarity(alignment) > clarity(other)
+    clearer = clarity(alignment) > clarity(other) + CLEARLY
     return clearer and fitting_depth(alignment) > NO_WORSE * fitting_depth(other)
 
 
