@@ -13,6 +13,7 @@ from edvo.measuring import (
     SETTLING_S,
     SHARED,
     Changes,
+    Equations,
     Estimate,
     Moments,
     taken_by_pose,
@@ -76,6 +77,24 @@ def test_what_was_measured_long_ago_fades():
     estimate = noted((CERTAIN, 0.01, PERIOD), (CERTAIN, 0.02, MEMORY_S))
     old = math.exp(-1)
     assert estimate.value == pytest.approx((0.01 * old + 0.02) / (old + 1), rel=1e-5)
+
+
+def learned(sigma_px, **options):
+    """What one frame tells, and how surely, as its edges fit to so many pixels."""
+    told = Equations(1e-3 * CERTAIN, -0.02e-3 * CERTAIN, np.zeros(6), np.zeros(6))
+    estimate = Estimate(EXPECTED)
+    alignment = SimpleNamespace(H=np.eye(6), sigma_px=sigma_px)
+    estimate.learn(told, alignment, PERIOD, **options)
+    return estimate.likely, 1 / estimate.variance - 1 / EXPECTED**2
+
+
+def test_a_frame_tells_the_more_the_more_closely_its_residuals_fit():
+    number, sure = learned(0.1)
+    assert number == pytest.approx(0.02, rel=0.1)
+    assert learned(0.05)[1] == pytest.approx(4 * sure)
+    assert learned(0.2)[1] == pytest.approx(sure / 4)
+    assert learned(0.05, least_px=0.1) == learned(0.0, least_px=0.1) == (number, sure)
+    assert learned(0.2, least_px=0.1) == learned(0.2)
 
 
 # --------------------------------------------------------------------------------------- moments

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from edvo import kernels, robust, se3
-from edvo.config import MatchingConfig, RegistrationConfig
+from edvo.config import Config, MatchingConfig, RegistrationConfig
 from edvo.edges import EdgePixels
 from edvo.matching import Criterion
 from edvo.registration import REASONS, Registration
@@ -408,17 +408,20 @@ def scattered(problem, px):
     return replace(problem, samples=replace(seen, pixels=seen.pixels + off * seen.gradients))
 
 
+@pytest.mark.parametrize("criterion", ["robust-then-normal", "robust", "normal"])
 @pytest.mark.parametrize("seed", range(4))
-def test_what_is_left_is_little_beside_the_scale(seed):
+def test_what_is_left_is_little_beside_the_scale(seed, criterion):
     """Sharp edges constrain some motions hardly, which a step of 0.03 px may leave far off."""
     problem = scattered(moved(seed), 0.05)
-    rule = {"stop_decrease": 0.0, "first_sigma_px": 0.0, "stop_px": 0.3}
+    matching = MatchingConfig(criterion=criterion)
+    rule = {"stop_decrease": 0.0, "first_sigma_px": 0.0, "stop_px": 0.3, "matching": matching}
     settled = register(problem, **rule, stop_share=1e-4)
     early, late = (register(problem, **rule, stop_share=share) for share in (0.0, 0.05))
     assert early.steps()[-1].step_px > 0.05 * early.sigma_px  # else this tells nothing
     assert late.iterations > early.iterations
     last = late.steps()[-1]
-    assert last.step_px < 0.05 * last.sigma_px or late.reason != "converged"
+    assert late.reason == "converged"
+    assert last.step_px < 0.05 * last.sigma_px
     off = [problems.error(settled.T_ref_cur, each.T_ref_cur)[0] for each in (early, late)]
     assert off[1] < 0.5 * off[0]
 
@@ -429,3 +432,7 @@ def test_where_edges_scatter_widely_the_bound_in_pixels_holds():
     assert either[0].sigma_px > 0.03 / 0.05
     assert either[0].iterations == either[1].iterations
     np.testing.assert_array_equal(*(each.T_ref_cur for each in either))
+
+
+def test_paper_asks_for_no_share():
+    assert Config.preset("paper").registration.stop_share == 0

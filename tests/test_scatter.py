@@ -120,11 +120,11 @@ def test_hardly_clearer_is_no_sharper(crisp):
     """Two crowds may be all but alike, one of them a centimetre off."""
     before = crowded(crisp, 0.6, 0.4)
     wide = np.flatnonzero(before.residuals > 2)
-    for moved, sharper in ((2, False), (20, True)):
+    for moved, sharper in ((1, False), (4, False), (6, True)):
         residuals = before.residuals.copy()
         residuals[wide[:moved]] = 0.1
         after = replace(before, residuals=residuals)
-        assert clarity(after) > clarity(before)
+        assert 0 < clarity(after) - clarity(before) < 15
         assert is_sharper(after, before) == sharper
 
 

@@ -294,9 +294,9 @@ def align(edges, points, gradients, camera, T, robust_criterion, normal_criterio
     function = NAMES[solver.weight]
     iterations, sigma = 0, 1.0
     first = len(points) // solver.first_samples if solver.first_samples else 1
-    for criterion, enough, floor, every in (
-        (robust_criterion, solver.switch_px, solver.first_sigma, max(first, 1)),
-        (normal_criterion, solver.stop_px, 0.0, 1),
+    for criterion, enough, least, floor, every in (
+        (robust_criterion, solver.switch_px, 0.0, solver.first_sigma, max(first, 1)),
+        (normal_criterion, solver.stop_px, solver.stop_share, 0.0, 1),
     ):
         few, turned = points[::every], gradients[::every]
 
@@ -318,8 +318,7 @@ def align(edges, points, gradients, camera, T, robust_criterion, normal_criterio
             step = solve_damped(H, b, damping)
             change = np.sqrt(step @ H @ step / W.sum())
             iterations += 1
-            share = solver.stop_share if criterion is normal_criterion else 0
-            if change < (min(enough, share * sigma) if share else enough):
+            if change < (min(enough, least * sigma) if least else enough):
                 T = se3.exp(step) @ T
                 break
             longer = None

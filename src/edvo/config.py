@@ -200,8 +200,9 @@ class RegistrationConfig(Section):
     )
     stop_share: Annotated[float, Field(ge=0)] = Field(
         default=0.05,
-        description="and by less than that share of their scale: where edges are sharp, what "
-        "they hardly constrain is far from settled otherwise; 0: whatever their scale",
+        description="in the last stage a step has to change the residuals by less than that share "
+        "of their scale, too: where edges are sharp, what they hardly constrain is far from "
+        "settled otherwise; 0: whatever their scale",
     )
     far_leave_px: Annotated[float, Field(ge=0)] = Field(
         default=0.08,

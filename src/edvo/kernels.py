@@ -242,7 +242,7 @@ class Solver(NamedTuple):
     max_iterations: int
     switch_px: float  # rms change of the residuals below which the normal criterion takes over
     stop_px: float  # rms change below which the iteration has converged
-    stop_share: float  # of the scale that it has to be below, too; 0: no matter
+    stop_share: float  # of the scale, below which it has to be in the last stage, too; 0: not asked
     leave_px: float  # as soon as steps leave less, or that share of a finer scale; 0: not before
     stop_cost: float  # relative decrease of the cost below which it has converged
     damping: float  # lambda at the start

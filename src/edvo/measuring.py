@@ -19,7 +19,6 @@ LONGEST_S = 0.2  # between frames, for the velocity to be known
 MEMORY_S = 5.0  # that a number is taken from: clocks wander
 SETTLING_S = 1.0  # that a misfit is averaged over, which its changes are taken from
 SHARED = 100.0  # points and edges that err together, from frame to frame too: so many count as one
-SHARP_PX = 0.1  # edges that happen to fit more closely are no more certain
 GATE = 3.0  # sigmas, that a frame may be off by
 SURE = 2.0  # sigmas from 0, for a number to be one
 
@@ -117,7 +116,9 @@ class Estimate:
         self._information = fade * self._information + information
         self._sum = fade * self._sum + weighted
 
-    def learn(self, told: Equations, alignment: Alignment, seconds: float) -> None:
+    def learn(
+        self, told: Equations, alignment: Alignment, seconds: float, least_px: float = 0.0
+    ) -> None:
         """Take a frame into account; what the pose would take up of the number tells nothing.
 
         Parameters
@@ -127,11 +128,13 @@ class Estimate:
             Of the frame.
         seconds : float
             Since the one before it.
+        least_px : float, optional
+            Scale of the residuals below which a frame is no more certain.
         """
         taken = taken_by_pose(alignment.H, told.mixed)
         if taken is None:
             return
-        scale = 1 / max(alignment.sigma_px, SHARP_PX) ** 2
+        scale = 1 / max(alignment.sigma_px, least_px) ** 2
         information = max(told.curvature - float(told.mixed @ taken), 0.0) * scale
         gradient = (told.gradient - float(taken @ told.gradient_pose)) * scale
         self.note(information, -gradient, seconds)
