@@ -14,7 +14,7 @@ from edvo.planes import FINER
 from edvo.sharing import SharedErrors
 
 # Once what is shared is so many times what each errs by alone, more of them tell little:
-EDGES_ENOUGH = 6.0  # of the samples,
+EDGES_ENOUGH = 5.0  # of the samples,
 DEPTH_ENOUGH = 3.0  # of the usual points of depth, if they were all over the image,
 STAY = 1.5  # times that where they are fine already, of which a little more or less is measured
 BLURRED_PX = 0.8  # edges that scatter so widely are smeared: more of those tell nothing new
