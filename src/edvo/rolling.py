@@ -17,7 +17,7 @@ from edvo.planes import camera_of
 EXPECTED_S = 0.01  # how long a readout takes, before anything is known (one sigma)
 LARGEST_S = 0.033  # that is believed: a frame of 30 a second
 LEAST_S = 1e-3  # that matters
-SHARP_PX = 0.1  # edges that happen to fit more closely say no more: what is left out tells then
+SHARP_PX = 0.1  # below it residuals are what the equations leave out, and tell no more
 TYPICAL_EDGES = 2000  # so many, or more, are asked for the depth that stands in where there is none
 NO_ROWS = np.empty(0)
 
