@@ -79,7 +79,7 @@ def test_it_begins_where_it_was_expected(office, elsewhere):
     first = next(result for result in results if result.piece)
     known = se3.inverse(office[1][0]) @ office[1][-1]
     assert 0.01 < problems.error(known, first.T_world_cam)[0] < 0.5
-    assert odometry._store.newest().piece == 1
+    assert odometry._upkeep.store.newest().piece == 1
 
 
 @pytest.mark.parametrize("override", ["status.lost=wait", "keyframes.stored=0"])
@@ -97,10 +97,10 @@ def test_the_preset_of_the_paper_begins_no_piece(office, elsewhere):
 
 def test_images_that_do_not_fit_are_not_all_tried(office, elsewhere):
     odometry, _ = lost_and_elsewhere(office, (elsewhere[0][:1], None))
-    tried, join = [], odometry._chain.join
-    odometry._chain.join = lambda seen, this: tried.append(this) or join(seen, this)
+    tried, join = [], odometry._recovery._chain.join
+    odometry._recovery._chain.join = lambda seen, this: tried.append(this) or join(seen, this)
     other, _ = rendered("cabinet", 1)
-    t = odometry._last_time + 5.0
+    t = odometry._course.last_time + 5.0
     for k in range(30):
         frame = (elsewhere[0][0], other[0])[(k // 2) % 2]
         odometry.track(later([frame], t + k * PERIOD)[0])
@@ -111,7 +111,7 @@ def test_images_that_do_not_fit_one_another_begin_nothing(office, elsewhere):
     """Those of two cameras in turn."""
     odometry, _ = lost_and_elsewhere(office, (elsewhere[0][:1], None))
     other, _ = rendered("cabinet", 1)
-    t = odometry._last_time + 5.0
+    t = odometry._course.last_time + 5.0
     states = set()
     for k in range(40):
         frame = (elsewhere[0][0], other[0])[k % 2]
@@ -156,7 +156,7 @@ def test_a_piece_is_joined_when_it_sees_what_was_seen_before():
     assert max(off[joined:]) < 0.03  # where it turns back within a frame
     assert results[-1].status is Status.TRACKED
     # What it has seen in between is moved along.
-    for key in odometry._store.before(99)._keyframes:
+    for key in odometry._upkeep.store.before(99)._keyframes:
         assert key.piece == 0
 
 
@@ -178,4 +178,4 @@ def test_a_wall_that_comes_into_view_of_a_lost_camera_is_followed(office):
     assert len(results[-1].degenerate) == 3  # along the wall, and about its normal
     moved = se3.inverse(results[17].T_world_cam) @ results[-1].T_world_cam
     assert abs(moved[2, 3] - 0.005 * 21) < 0.005
-    assert odometry._store.newest().piece == 0  # nothing to be found again by
+    assert odometry._upkeep.store.newest().piece == 0  # nothing to be found again by

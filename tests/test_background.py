@@ -13,6 +13,7 @@ from edvo import kernels, se3
 from edvo.background import AGES_S, APART_S, Background, Still
 from edvo.config import Config
 from edvo.datasets.readahead import read_ahead
+from edvo.doubt import MOVED
 from edvo.edges import EdgePixels
 from edvo.frame import Frame
 from edvo.matching import Criterion, EdgeIndex
@@ -104,7 +105,7 @@ def test_what_stands_still_is_no_place_unless_the_rest_moves_past_it(
     for index, frame in enumerate(frames):
         assert frame is not None
         if index == 8:
-            monkeypatch.setattr(odometry._witness, "question", lambda *given: share)
+            monkeypatch.setattr(odometry._doubt._witness, "question", lambda *given: share)
         result = odometry.track(frame)
         assert (result.status is Status.LOST) == (index == 8)
 
@@ -123,7 +124,7 @@ def test_where_it_is_mistaken_and_nothing_moves_poses_stay_right() -> None:
     for reading in read_ahead(source, range(14)):
         assert reading.frame is not None
         if reading.index == 6:
-            odometry._moving_time = reading.frame.timestamp - 1e-3
+            odometry._doubt.moving_time = reading.frame.timestamp - 1e-3
         result = odometry.track(reading.frame)
         true = source.recipe.motion.at(0.0) @ result.T_world_cam
         away = np.linalg.norm((true - source.recipe.motion.at(result.timestamp))[:3, 3])
@@ -160,7 +161,7 @@ def test_less_than_half_is_not_followed_where_depth_is_out_of_step(
     source, frames = office
     odometry = after_eight(source, frames, bound)
     aside = se3.exp(np.array([0.05, 0, 0, 0, 0, 0]))
-    register = odometry._background.register
+    register = odometry._standing._background.register
 
     def astray(*given: Any) -> Still | None:
         still = register(*given)
@@ -177,8 +178,9 @@ def test_less_than_half_is_not_followed_where_depth_is_out_of_step(
         )
         return replace(still, seen=seen, alignment=there)
 
-    monkeypatch.setattr(odometry._background, "register", astray)
-    odometry._moving_time = odometry._doubt_time = frames[8].timestamp - 1e-3
+    monkeypatch.setattr(odometry._standing._background, "register", astray)
+    odometry._doubt.moving_time = frames[8].timestamp - 1e-3
+    odometry._doubt.cast(frames[8].timestamp - 1e-3, MOVED)
     result = odometry.track(frames[8])
     true = source.recipe.motion.at(0.0) @ result.T_world_cam
     away = np.linalg.norm((true - source.recipe.motion.at(result.timestamp))[:3, 3])
@@ -199,8 +201,8 @@ def test_a_frame_whose_depth_is_out_of_step_is_registered_anew_only_if_else_lost
     source, frames = office
     odometry = after_eight(source, frames, bound)
     called: list[Seen] = []
-    monkeypatch.setattr(odometry, "_go_back", called.append)
-    monkeypatch.setattr(odometry._witness, "question", lambda *given: conflict)
+    monkeypatch.setattr(odometry._standing, "_go_back", called.append)
+    monkeypatch.setattr(odometry._doubt._witness, "question", lambda *given: conflict)
     result = odometry.track(frames[8])
     assert result.status is (Status.LOST if conflict > 0.3 else Status.DEGRADED)
     assert "something moves" in result.reason
@@ -220,10 +222,10 @@ def test_a_clock_that_starts_over_ends_the_doubt(small_hall: SyntheticSource) ->
     for reading in read_ahead(small_hall, range(240, 248)):
         assert reading.frame is not None
         odometry.track(reading.frame)
-    assert odometry._is_moving(reading.frame.timestamp)
+    assert odometry._standing.is_moving(reading.frame.timestamp)
     odometry.skip(reading.frame.timestamp - 5, "starts over")
-    assert not odometry._is_moving(reading.frame.timestamp)
-    assert odometry._background.last_pose() is None
+    assert not odometry._standing.is_moving(reading.frame.timestamp)
+    assert odometry._standing._background.last_pose() is None
 
 
 def test_what_was_registered_of_such_a_frame_can_be_drawn(small_hall: SyntheticSource) -> None:

@@ -387,14 +387,14 @@ def test_the_depth_of_the_first_keyframe_is_moved_once_its_velocity_is_known(old
     frames, _ = older
     odometry = Odometry(CAMERA, Config().with_overrides(["motion.depth_delay=stamps"]))
     odometry.track(frames[0])
-    first = odometry._keyframe
+    first = odometry._course.keyframe
     odometry.track(frames[1])
-    second = odometry._keyframe
+    second = odometry._course.keyframe
     assert second.index == first.index
     assert np.median(abs(second.planes.offsets - first.planes.offsets)) > 1e-3
-    assert odometry._store.newest() is second
+    assert odometry._upkeep.store.newest() is second
     odometry.track(frames[2])
-    assert odometry._keyframe is second  # as good as before
+    assert odometry._course.keyframe is second  # as good as before
 
 
 def test_paper_takes_them_as_simultaneous():

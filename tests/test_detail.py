@@ -250,7 +250,7 @@ def run(*overrides, gap=None):
     assert all(result.status is Status.TRACKED for result in results)
     off = [problems.error(truth[k], each.T_world_cam)[0] for k, each in enumerate(results)]
     on_planes = [each.alignment.plane_points for each in results[1:]]
-    key = odometry._keyframe  # is held against others by the usual
+    key = odometry._course.keyframe  # is held against others by the usual
     assert 700 < len(key.samples) <= 1500
     assert key.points.step_px == COARSE
     return [each.samples for each in results], on_planes, off

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from edvo.config import Config
+from edvo.doubt import CHANGED
 from edvo.frame import Frame
-from edvo.odometry import CHANGED, Odometry, Status
+from edvo.odometry import Odometry, Status
 
 from . import problems
 

@@ -9,12 +9,13 @@ import pytest
 from edvo import kernels, se3
 from edvo.clock import no_clock
 from edvo.config import Config, KeyframesConfig
+from edvo.doubt import CHANGED
 from edvo.edges import EdgePixels
 from edvo.front_end import FrontEnd
 from edvo.gathering import carried, gather, may_gather, unknown
 from edvo.instants import Instants
 from edvo.matching import Criterion, EdgeIndex
-from edvo.odometry import CHANGED, Odometry, Status
+from edvo.odometry import Odometry, Status
 from edvo.planes import PlaneFitter, camera_of
 from edvo.registration import Registration
 from edvo.report.warmup import warm_up
@@ -212,8 +213,8 @@ def test_a_keyframe_outlasts_a_change_of_light():
     frames, poses = in_two_lights()
     odometry, results = follow(frames)
     assert [r.index for r in results if r.is_keyframe] == [0]
-    assert odometry._keyframe.gathered > 300
-    assert odometry._keyframe.gathered_at == frames[8].timestamp  # and it was enough
+    assert odometry._course.keyframe.gathered > 300
+    assert odometry._course.keyframe.gathered_at == frames[8].timestamp  # and it was enough
     fitting = [r.alignment.inliers / r.samples for r in results[1:]]
     assert fitting[7] < 0.75 < min(fitting[8:])
     for result, T in zip(results, poses, strict=True):
@@ -225,14 +226,14 @@ def test_what_is_held_of_the_keyframe_stays_its_own():
     frames, _ = in_two_lights(10)
     odometry, _ = follow(frames)
     held = odometry._instants._held
-    assert held.keyframe is odometry._keyframe
-    assert odometry._keyframe.gathered
+    assert held.keyframe is odometry._course.keyframe
+    assert odometry._course.keyframe.gathered
     np.testing.assert_array_equal(held.depth, frames[0].depth)
 
 
 def test_a_result_tells_where_gathered_edges_lie():
     odometry, results = follow(in_two_lights()[0])
-    key = odometry._keyframe
+    key = odometry._course.keyframe
     matched = results[9].alignment.matches
     assert np.count_nonzero(matched >= len(key.edges) - key.gathered) > 100
     wanted = key.edges.edges.pixels[matched[matched >= 0]]
@@ -240,7 +241,7 @@ def test_a_result_tells_where_gathered_edges_lie():
 
 
 def test_one_that_gathers_and_serves_no_better_gives_way(monkeypatch):
-    monkeypatch.setattr("edvo.odometry.gather", nothing_new)
+    monkeypatch.setattr("edvo.upkeep.gather", nothing_new)
     frames, _ = in_two_lights(14)
     _, results = follow(frames)
     assert [r.index for r in results if r.is_keyframe][:2] == [0, 9]
@@ -254,7 +255,7 @@ def test_a_far_step_is_not_gathered():
     frames, _ = in_two_lights(10)
     late = [replace(f, timestamp=f.timestamp + 0.5 * (k >= 8)) for k, f in enumerate(frames)]
     odometry, _ = follow(late)
-    assert not odometry._keyframe.gathered
+    assert not odometry._course.keyframe.gathered
 
 
 def test_nothing_is_left_to_be_compiled_when_light_changes():
@@ -263,7 +264,7 @@ def test_nothing_is_left_to_be_compiled_when_light_changes():
     before = [len(kernel.signatures) for kernel in used]
     assert min(before) > 0
     odometry, _ = follow(in_two_lights(10)[0])
-    assert odometry._keyframe.gathered
+    assert odometry._course.keyframe.gathered
     assert [len(kernel.signatures) for kernel in used] == before
 
 
@@ -271,22 +272,22 @@ def test_without_it_each_change_makes_a_keyframe():
     frames, _ = in_two_lights()
     odometry, results = follow(frames, "keyframes.gather_share=0")
     assert [r.index for r in results if r.is_keyframe][:2] == [0, 8]
-    assert odometry._keyframe.gathered == 0
+    assert odometry._course.keyframe.gathered == 0
 
 
 def test_a_stored_keyframe_has_what_it_gathers():
     odometry, _ = follow(in_two_lights(12)[0])
-    assert odometry._store.newest() is odometry._keyframe
-    assert odometry._instants._held.keyframe is odometry._keyframe
+    assert odometry._upkeep.store.newest() is odometry._course.keyframe
+    assert odometry._instants._held.keyframe is odometry._course.keyframe
 
 
 def test_it_is_gathered_before_anything_else_is_seen_and_in_the_time_of_the_next_frame():
     frames, _ = in_two_lights(9)
     odometry, results = follow(frames)
-    assert odometry._keyframe.gathered == 0
+    assert odometry._course.keyframe.gathered == 0
     assert not results[-1].is_keyframe
     odometry.skip(11.0, "gone")
-    assert odometry._keyframe.gathered > 300
+    assert odometry._course.keyframe.gathered > 300
 
 
 def test_a_view_that_changes_at_once_is_in_doubt_though_the_keyframe_stays():
@@ -296,8 +297,8 @@ def test_a_view_that_changes_at_once_is_in_doubt_though_the_keyframe_stays():
     alignment = replace(results[-1].alignment, inliers=len(results[-1].alignment.matches) * 3 // 5)
     assert odometry._judge.fits_poorly(alignment)
     for later, doubted in ((0.2, False), (0.09, True)):
-        odometry._mind_change(alignment, odometry._keyframe.gathered_at + later)
-        assert (odometry._doubt == CHANGED) is doubted
+        odometry._doubt.mind_change(alignment, odometry._course.keyframe.gathered_at + later)
+        assert (odometry._doubt.reason == CHANGED) is doubted
 
 
 def test_a_keyframe_whose_edges_are_moved_forgets_what_it_gathered(scene):

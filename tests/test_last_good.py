@@ -3,6 +3,7 @@
 import numpy as np
 
 from edvo.config import Config
+from edvo.doubt import MOVED
 from edvo.frame import Frame
 from edvo.last_good import APART_S, LastGood
 from edvo.odometry import Odometry, Status
@@ -73,13 +74,13 @@ def test_once_it_is_lost_the_last_good_image_is_a_keyframe():
     far = ("keyframes.max_translation_m=9", "keyframes.max_rotation_deg=179")
     far += ("keyframes.min_overlap=0.6",)
     odometry, frames, truth = walked(25, *far)
-    assert len(odometry._store) == 2
-    index, T_world_key = odometry._store.places(0)[-1]
+    assert len(odometry._upkeep.store) == 2
+    index, T_world_key = odometry._upkeep.store.places(0)[-1]
     assert 24 - 30 * APART_S <= index <= 24
     assert problems.error(truth[index], T_world_key)[0] < 0.02
     # what it shows is registered as with any other
-    odometry._keyframe = odometry._store.newest()
-    odometry._T_key_last = np.eye(4)
+    odometry._course.keyframe = odometry._upkeep.store.newest()
+    odometry._course.T_key_last = np.eye(4)
     noisy = Frame(frames[25].timestamp, frames[25].grey, frames[25].depth)
     result = odometry.track(noisy)
     assert result.keyframe == index
@@ -88,7 +89,7 @@ def test_once_it_is_lost_the_last_good_image_is_a_keyframe():
 
 def test_where_a_keyframe_is_near_it_is_not_one():
     odometry, _, _ = walked(4)
-    assert [index for index, _ in odometry._store.places(0)] == [0]
+    assert [index for index, _ in odometry._upkeep.store.places(0)] == [0]
 
 
 def test_a_frame_in_doubt_is_not_good():
@@ -96,7 +97,7 @@ def test_a_frame_in_doubt_is_not_good():
     odometry = Odometry(problems.CAMERA)
     for frame in frames[:3]:
         odometry.track(frame)
-    odometry._doubt_time = frames[3].timestamp
-    odometry._last_good.forget()
+    odometry._doubt.cast(frames[3].timestamp, MOVED)
+    odometry._upkeep._last_good.forget()
     assert odometry.track(frames[3]).status is Status.DEGRADED
-    assert odometry._last_good.take() is None
+    assert odometry._upkeep._last_good.take() is None

@@ -208,9 +208,9 @@ def test_a_keyframe_takes_its_time_from_the_next_frame(room, window):
     odometry = make("keyframes.gap_frames=3", "keyframes.rule=gap", f"keyframes.window={window}")
     for frame in frames[:6]:
         odometry.track(frame)
-        assert odometry._keyframe.index == max((odometry._count - 2) // 3, 0) * 3
+        assert odometry._course.keyframe.index == max((odometry._record.count - 2) // 3, 0) * 3
     assert odometry.track(frames[6]).is_keyframe
-    assert odometry._keyframe.index == 3
+    assert odometry._course.keyframe.index == 3
     assert odometry.skip(frames[7].timestamp, "gone").keyframe == 6  # it need not be a good one
 
 
@@ -235,7 +235,7 @@ def test_a_reset_forgets_a_keyframe_that_is_due(room):
 def test_a_keyframe_that_is_due_is_made_before_anything_else_is_seen(room, monkeypatch):
     """A stream that freezes is lost, and what a lost camera does next uses the same memory."""
     frames, _ = room
-    monkeypatch.setattr("edvo.odometry.is_apart", lambda *given: True)  # it keeps the last image
+    monkeypatch.setattr("edvo.upkeep.is_apart", lambda *given: True)  # it keeps the last image
     made = []
     for frozen in (True, False):
         odometry = gaps()
@@ -246,7 +246,7 @@ def test_a_keyframe_that_is_due_is_made_before_anything_else_is_seen(room, monke
             for k in range(1, 15):
                 odometry.track(at(frames[3], frames[3].timestamp + k * PERIOD))
         odometry.skip(frames[3].timestamp + 15 * PERIOD, "gone")
-        made.append(odometry._keyframe)
+        made.append(odometry._course.keyframe)
     assert [key.index for key in made] == [3, 3]
     for a, b in zip(made[0].edges.grid, made[1].edges.grid, strict=True):
         np.testing.assert_array_equal(a, b)
@@ -264,7 +264,7 @@ def test_a_keyframe_is_made_for_the_velocity_it_was_taken_at(room, monkeypatch):
     monkeypatch.setattr(odometry._instants, "unrolled", noted)
     for frame in frames[:4]:
         odometry.track(frame)
-    velocity = odometry._velocity.copy()
+    velocity = odometry._course.velocity.copy()
     odometry.track(frames[4])
     assert given[0] is None
     np.testing.assert_array_equal(given[1], velocity)

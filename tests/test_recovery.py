@@ -128,8 +128,8 @@ def test_a_clock_that_starts_over_counts_how_long_it_has_been_lost(walk):
         odometry.track(Frame(frame.timestamp + 100.0, frame.grey, frame.depth))
     for k in range(4):
         assert odometry.skip(0.09 * k, "broken").status is Status.LOST
-        assert not odometry._is_long_lost(0.09 * k)
-    assert odometry._is_long_lost(0.5)
+        assert not odometry._recovery.is_long_lost(0.09 * k)
+    assert odometry._recovery.is_long_lost(0.5)
 
 
 @pytest.mark.parametrize("doubted", [False, True])
@@ -141,10 +141,11 @@ def test_what_has_led_it_away_in_doubt_does_not_hide_where_it_was(walk, monkeypa
         odometry.track(frame)
     hand = SyntheticSource(make_recipe("texture_near", frames=1, seed=1, camera=camera))
     seen = odometry._front_end.keep(odometry._front_end.see(hand.read(0).frame, 30))
-    odometry._T_world_last = odometry._T_world_last @ se3.exp(np.array([1.5, 0, 0, 0, 0, 0]))
-    astray = odometry._set_keyframe(seen, 30, None)
-    monkeypatch.setattr(odometry._store, "likest", lambda look, count: [astray])
-    odometry._sure = not doubted
+    course = odometry._course
+    course.T_world_last = course.T_world_last @ se3.exp(np.array([1.5, 0, 0, 0, 0, 0]))
+    astray = odometry._upkeep.make(seen, 30, None)
+    monkeypatch.setattr(odometry._upkeep.store, "likest", lambda look, count: [astray])
+    odometry._doubt.is_sure = not doubted
     t = frames[29].timestamp
     for _ in range(4):
         t += 0.1
@@ -167,11 +168,11 @@ def test_a_pose_that_was_sure_long_ago_is_no_help(walk):
     for frame in frames[:3]:
         odometry.track(frame)
     t = frames[2].timestamp
-    assert odometry._before_doubt(t + 0.1) is None  # it is sure
-    odometry._sure = False
-    key, T_key_cur = odometry._before_doubt(t + 2.9)
-    assert key is odometry._keyframe
-    np.testing.assert_array_equal(T_key_cur, odometry._T_key_last)
-    assert odometry._before_doubt(t + 3.1) is None
+    assert odometry._doubt.before(t + 0.1) is None  # it is sure
+    odometry._doubt.is_sure = False
+    key, T_key_cur = odometry._doubt.before(t + 2.9)
+    assert key is odometry._course.keyframe
+    np.testing.assert_array_equal(T_key_cur, odometry._course.T_key_last)
+    assert odometry._doubt.before(t + 3.1) is None
     odometry.skip(t - 50.0, "a clock that starts over")
-    assert odometry._before_doubt(t - 49.9) is None
+    assert odometry._doubt.before(t - 49.9) is None

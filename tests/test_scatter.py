@@ -342,7 +342,7 @@ def test_where_depth_leads_does_not_lose_what_edges_held(monkeypatch):
         return replace(found, inliers=0, agreeing=0)
 
     monkeypatch.setattr(odometry._registration, "align", off_planes)
-    monkeypatch.setattr(odometry, "_on_planes", on_planes)
+    monkeypatch.setattr(odometry._locator, "_on_planes", on_planes)
     monkeypatch.setattr(odometry._search, "around", lambda key, T, seen, alignment: alignment)
     assert odometry.track(aside.frames[8]).status is Status.DEGRADED
 
@@ -367,7 +367,7 @@ def test_of_several_starts_the_clearest_is_taken_if_it_is_clearer(crisp, monkeyp
 
     monkeypatch.setattr(odometry._registration, "align", align)
     found = result(where_found, n, *((0.8, 2.5 * usual) if is_clearer else (0.9, 0.2 * usual)))
-    best = odometry._sharpest(seen, start[None], odometry._fitter.term, found)
+    best = odometry._locator._sharpest(seen, start[None], odometry._fitter.term, found)
     np.testing.assert_array_equal(best.T_ref_cur, where_found)
     assert (best is not found) == is_clearer
 

@@ -8,9 +8,11 @@ import pytest
 from edvo import se3
 from edvo.chamfer import Guess
 from edvo.config import Config
+from edvo.doubt import STEPPED
 from edvo.edges import extract_edges
 from edvo.frame import Frame
-from edvo.odometry import NOT_ALONE, STEPPED, Odometry, Status
+from edvo.locating import NOT_ALONE
+from edvo.odometry import Odometry, Status
 from edvo.sampling import sample_edges
 from edvo.search import Seen, _Place
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
@@ -58,7 +60,7 @@ def test_no_search_where_a_glance_tells_of_no_other_place(apart):
     camera, frames, _ = apart
     odometry = Odometry(camera)
     odometry.track(frames[0])
-    key = odometry._keyframe
+    key = odometry._course.keyframe
     known = {"samples": key.samples, "points": key.points, "is_near": False}
     seen = type("Seen", (), known)
     perfect = odometry._search._register(key, key.samples, key.points, np.eye(4))
@@ -68,7 +70,7 @@ def test_no_search_where_a_glance_tells_of_no_other_place(apart):
 
 def test_the_search_never_makes_it_worse(began, monkeypatch):
     odometry, seen, truth = began
-    key, search = odometry._keyframe, odometry._search
+    key, search = odometry._course.keyframe, odometry._search
     right = search._register(key, seen.samples, seen.points, truth)
     astray = se3.exp(np.array([0.0, 0.0, 0.0, 0.0, np.radians(-20.0), 0.0]))
     monkeypatch.setattr(key.chamfer, "likely", lambda *given: [Guess(256.0, astray)])
@@ -77,7 +79,7 @@ def test_the_search_never_makes_it_worse(began, monkeypatch):
 
 def test_a_step_higher_it_is_told_that_another_place_fits(stairs):
     odometry, seen, truth = stairs
-    key, search = odometry._keyframe, odometry._search
+    key, search = odometry._course.keyframe, odometry._search
     aside = np.array([se3.exp(np.array([*way, 0.0, 0.0, 0.0])) for way in 0.33 * np.eye(3)])
     steps = key.chamfer.beside(seen.samples, truth @ aside)
     wrong = next(g.T_ref_cur for g in steps if np.linalg.norm((g.T_ref_cur - truth)[:3, 3]) > 0.2)
@@ -87,7 +89,7 @@ def test_a_step_higher_it_is_told_that_another_place_fits(stairs):
 
 def test_a_cabinet_is_told_from_what_is_beside_it(began):
     odometry, seen, truth = began
-    assert odometry._search.is_alone(odometry._keyframe, truth, seen)
+    assert odometry._search.is_alone(odometry._course.keyframe, truth, seen)
 
 
 def test_a_far_step_that_fits_elsewhere_too_is_degraded(apart, monkeypatch):
@@ -156,7 +158,7 @@ def stairs(tmp_path_factory):
 def test_a_far_step_is_found_from_a_start_that_is_off(began):
     odometry, seen, truth = began
     turned = se3.exp(np.array([0.0, 0.0, 0.0, 0.0, np.radians(-7.0), 0.0]))
-    key = odometry._keyframe
+    key = odometry._course.keyframe
     from_there = odometry._registration.align(key.edges, seen.samples, turned[None])
     assert np.linalg.norm((se3.inverse(truth) @ from_there.T_ref_cur)[:3, 3]) > 0.05
     found = odometry._search.farther(key, turned, seen, 0.5)
@@ -172,12 +174,12 @@ def test_another_place_is_not_a_far_step(began):
     edges = extract_edges(frame.grey, config.edges)
     samples = sample_edges(edges, frame.depth, odometry.camera, config.sampling, config.edges, 1)
     seen = Seen(frame, edges, samples, odometry._fitter.points(frame.depth))
-    assert odometry._search.farther(odometry._keyframe, np.eye(4), seen, 0.5) is None
+    assert odometry._search.farther(odometry._course.keyframe, np.eye(4), seen, 0.5) is None
 
 
 def test_of_edges_only_those_in_view_have_to_be_explained(began):
     odometry, _, _ = began
-    key, search = odometry._keyframe, odometry._search
+    key, search = odometry._course.keyframe, odometry._search
     same = search._register(key, key.samples, key.points, np.eye(4))
     assert search._explained(same, key.samples, key.edges) > 0.99
     half = se3.exp(np.array([0.0, 0.0, 0.0, 0.0, np.radians(25.0), 0.0]))  # half a view aside
@@ -199,7 +201,7 @@ def test_of_edges_only_those_in_view_have_to_be_explained(began):
 def test_of_two_places_that_fit_neither_is_taken(began, monkeypatch, worth, is_found):
     """One fits fully, the other, a metre away, by a share of that."""
     odometry, seen, truth = began
-    key, search = odometry._keyframe, odometry._search
+    key, search = odometry._course.keyframe, odometry._search
     found = search._register(key, seen.samples, seen.points, truth)
     elsewhere = truth.copy()
     elsewhere[0, 3] += 1.0
@@ -211,7 +213,7 @@ def test_of_two_places_that_fit_neither_is_taken(began, monkeypatch, worth, is_f
     monkeypatch.setattr(search, "_promising", lambda *given: [])
     looked = iter([places[:1], places[1:]])  # the second one is found beside the first
     monkeypatch.setattr(search, "_look_closely", lambda *given: next(looked))
-    result = search.everywhere(odometry._store, key, seen, [np.eye(4)], 1.0)
+    result = search.everywhere(odometry._upkeep.store, key, seen, [np.eye(4)], 1.0)
     assert (result is not None) == is_found
     assert len(search._rivals) == (0 if is_found else 2)
     search._rivals = []
@@ -221,8 +223,8 @@ def test_found_again_from_a_doubtful_pose_is_degraded_for_a_second(apart):
     camera, frames, _ = apart
     odometry = Odometry(camera)
     odometry.track(frames[0])
-    key = odometry._keyframe
-    odometry._sure = False
+    key = odometry._course.keyframe
+    odometry._doubt.is_sure = False
     t = frames[0].timestamp
     for k in range(3):
         odometry.skip(t + 0.2 * k, "no depth")
@@ -256,7 +258,7 @@ def test_a_far_step_found_by_a_search_is_looked_at_once_more(apart, monkeypatch)
     camera, frames, _ = apart
     odometry = Odometry(camera)
     odometry.track(frames[0])
-    key, search = odometry._keyframe, odometry._search
+    key, search = odometry._course.keyframe, odometry._search
     right = search._register(key, key.samples, key.points, np.eye(4))
     bad = replace(right, inliers=0, residuals=np.full_like(right.residuals, 9.0))
     monkeypatch.setattr(odometry._registration, "align", lambda *given, **options: bad)

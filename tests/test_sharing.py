@@ -203,7 +203,7 @@ def test_depth_never_counts_more_than_that():
     odometry = Odometry(problems.CAMERA)
     for frame in frames[:2]:
         odometry.track(frame)
-    key, front_end = odometry._keyframe, odometry._front_end
+    key, front_end = odometry._course.keyframe, odometry._front_end
     seen, free = front_end.see(frames[2], 2), odometry._fitter.term
 
     def balance(most):

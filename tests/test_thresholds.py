@@ -193,7 +193,7 @@ def test_frames_that_follow_closely_show_faint_edges(plain):
     source, frames = plain
     odometry = Odometry(source.camera)
     results = [odometry.track(frame) for frame in frames]
-    key = odometry._keyframe
+    key = odometry._course.keyframe
     assert key.is_faint
     assert len(key.edges) > 1.2 * len(key.telling)
     ahead = len(key.telling)
@@ -217,12 +217,12 @@ def test_a_far_step_is_told_by_those_that_are_not_faint(plain, monkeypatch):
 
     monkeypatch.setattr(odometry._registration, "align", spied)
     odometry.track(frames[1])
-    assert odometry._keyframe.edges in registered
+    assert odometry._course.keyframe.edges in registered
     registered.clear()
     far = odometry.track(frames[39])
     assert far.edge_scale == 0.55
     assert registered
-    assert odometry._keyframe.edges not in registered
+    assert odometry._course.keyframe.edges not in registered
 
 
 def test_it_can_be_left_out(plain):
@@ -231,7 +231,7 @@ def test_it_can_be_left_out(plain):
     odometry = Odometry(source.camera, Config().with_overrides(off))
     results = [odometry.track(frame) for frame in frames[:5]]
     assert {result.edge_scale for result in results} == {0.55}
-    key = odometry._keyframe
+    key = odometry._course.keyframe
     assert not key.is_faint
     assert key.edges is key.telling
 
@@ -245,7 +245,7 @@ def test_the_samples_of_a_keyframe_tell_places(plain):
     config = Config().with_overrides(["keyframes.max_translation_m=0.01"])
     odometry = Odometry(source.camera, config)
     results = [odometry.track(frame) for frame in frames[:30]]
-    key = odometry._keyframe
+    key = odometry._course.keyframe
     assert key.index > 0
     assert results[key.index].edge_scale < 0.55
     assert len(key.samples) > 300
@@ -263,7 +263,7 @@ def test_samples_drawn_anew_are_moved_for_their_rows(plain, monkeypatch):
         return replace(edges, pixels=edges.pixels + moved)
 
     monkeypatch.setattr(odometry._instants.rolling, "unrolled", unrolled)
-    key = odometry._set_keyframe(odometry._front_end.keep(seen), 1, np.full(6, 0.1))
+    key = odometry._upkeep.make(odometry._front_end.keep(seen), 1, np.full(6, 0.1))
     there = np.round(key.samples.pixels - moved, 2).tolist()
     known = positions(key.telling.edges)  # not moved: no readout is known
     assert np.mean([tuple(pixel) in known for pixel in there]) > 0.9
@@ -296,7 +296,7 @@ def test_a_keyframe_moved_for_its_rows_keeps_them_apart(plain):
     odometry = Odometry(source.camera)
     for frame in frames[:3]:
         odometry.track(frame)
-    key, instants = odometry._keyframe, odometry._instants
+    key, instants = odometry._course.keyframe, odometry._instants
     instants._held.known = None
     instants.rolling.estimate = type("Told", (), {"value": 0.02})()
     changed = instants.renewed(key, np.array([0.5, 0.0, 0.0, 0.0, 0.5, 0.0]))

@@ -53,6 +53,20 @@ class Seen:
     is_fine: bool = False  # whether its points lie closely
     is_near: bool = False  # whether all edges of the keyframe may count
 
+    def T_world_depth(self, T_world_cam: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Where the camera was as the depth was taken that belongs to an image taken there.
+
+        Parameters
+        ----------
+        T_world_cam : ndarray of float64, shape (4, 4)
+            Of the image.
+
+        Returns
+        -------
+        ndarray of float64, shape (4, 4)
+        """
+        return T_world_cam if self.T_cam_depth is None else T_world_cam @ self.T_cam_depth
+
 
 class Search:
     """Finds where a frame belongs, from many starts.

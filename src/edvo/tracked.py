@@ -1,12 +1,20 @@
 """What comes out for each frame: its pose, and how far it is to be trusted."""
 
+import logging
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from edvo import se3
+from edvo.course import Course
+from edvo.pieces import Pieces
 from edvo.registration import Alignment
+from edvo.search import Seen
 from edvo.status import Status
+from edvo.trajectory import Trajectory
+
+logger = logging.getLogger("edvo.odometry")  # one for all that the tracker has to say
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,3 +82,130 @@ class TrackedFrame:
     degenerate: tuple[str, ...] = ()
     piece: int = 0
     edge_scale: float | None = None
+
+
+class Record:
+    """Tells what came out for each frame, and counts frames and losses.
+
+    Parameters
+    ----------
+    course : Course
+    pieces : Pieces
+
+    Attributes
+    ----------
+    count : int
+        Frames so far.
+    last_kept : int
+        Index of the last one that was not lost; -1 where there is none.
+    """
+
+    def __init__(self, course: Course, pieces: Pieces) -> None:
+        self._course, self._pieces = course, pieces
+        self.count, self.last_kept = 0, -1
+        self._timestamps: list[float] = []
+        self._poses: list[NDArray[np.float64]] = []
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """Poses so far, by time, without those of frames that were lost."""
+        return Trajectory.from_frames(self._timestamps, self._poses)
+
+    def keep(
+        self,
+        timestamp: float,
+        status: Status,
+        reason: str,
+        T_key_cur: NDArray[np.float64],
+        keyframe: int,
+        *,
+        is_keyframe: bool = False,
+        seen: Seen | None = None,
+        alignment: Alignment | None = None,
+        covariance: NDArray[np.float64] | None = None,
+        degenerate: tuple[str, ...] = (),
+    ) -> TrackedFrame:
+        """Note a pose, now that of the last frame that was not lost.
+
+        Parameters
+        ----------
+        timestamp, status, reason, T_key_cur, keyframe, is_keyframe
+            See `TrackedFrame`.
+        seen : Seen, optional
+            What was registered.
+        alignment, covariance, degenerate : optional
+            See `TrackedFrame`.
+
+        Returns
+        -------
+        TrackedFrame
+        """
+        course = self._course
+        if course.losses:
+            logger.info("frame %d: found again", self.count)
+        course.losses = 0
+        self._timestamps.append(timestamp)
+        self._poses.append(course.T_world_last)
+        self.last_kept = self.count
+        self.count += 1
+        return TrackedFrame(
+            timestamp=timestamp,
+            index=self.last_kept,
+            status=status,
+            reason=reason,
+            T_world_cam=course.T_world_last,
+            T_key_cur=T_key_cur,
+            keyframe=keyframe,
+            is_keyframe=is_keyframe,
+            edges=len(seen.edges) if seen else 0,
+            samples=len(seen.samples) if seen else 0,
+            alignment=alignment,
+            covariance=covariance,
+            degenerate=degenerate,
+            piece=self._pieces.here,
+            edge_scale=seen.edges.scale if seen else None,
+        )
+
+    def lose(
+        self,
+        timestamp: float,
+        reason: str,
+        seen: Seen | None = None,
+        alignment: Alignment | None = None,
+    ) -> TrackedFrame:
+        """Note a loss, and predict the pose; the next frame tries again from the keyframe.
+
+        Parameters
+        ----------
+        timestamp : float
+            Seconds.
+        reason : str
+        seen : Seen, optional
+        alignment : Alignment, optional
+            The registration that failed.
+
+        Returns
+        -------
+        TrackedFrame
+        """
+        course = self._course
+        log = logger.debug if course.losses else logger.warning
+        log("frame %d lost: %s", self.count, reason)
+        course.losses += 1
+        self.count += 1
+        ahead = course.ahead(timestamp)
+        return TrackedFrame(
+            timestamp=timestamp,
+            index=self.count - 1,
+            status=Status.LOST,
+            reason=reason,
+            T_world_cam=se3.compose(course.T_world_last, ahead),
+            T_key_cur=se3.compose(course.T_key_last, ahead),
+            keyframe=-1 if course.keyframe is None else course.keyframe.index,
+            is_keyframe=False,
+            edges=len(seen.edges) if seen else 0,
+            samples=len(seen.samples) if seen else 0,
+            alignment=alignment,
+            piece=self._pieces.here,
+            edge_scale=seen.edges.scale if seen else None,
+        )

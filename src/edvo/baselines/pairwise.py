@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from edvo import se3
 from edvo.camera import Camera
 from edvo.config import MotionConfig
+from edvo.course import LONGEST_PREDICTION_S, NOMINAL_PERIOD_S
 from edvo.errors import FrameError
 from edvo.frame import Frame
-from edvo.odometry import LONGEST_PREDICTION_S, NOMINAL_PERIOD_S, Status, TrackedFrame
+from edvo.odometry import Status, TrackedFrame
 from edvo.trajectory import Trajectory
 
 

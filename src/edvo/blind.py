@@ -1,0 +1,126 @@
+"""Going on blind: frames without edges, followed by what depth alone says of them."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edvo import se3
+from edvo.course import FADING_S, Course
+from edvo.doubt import Doubt
+from edvo.frame import Frame
+from edvo.freeze import glimpse
+from edvo.kit import Kit
+from edvo.registration import Alignment
+from edvo.search import Seen
+from edvo.status import Status, speed_of
+from edvo.uncertainty import degenerate_directions, describe, in_current_camera
+
+
+@dataclass(frozen=True, slots=True)
+class Followed:
+    """What depth alone says of a frame.
+
+    Attributes
+    ----------
+    alignment : Alignment
+    status : Status
+        ``DEGRADED`` or ``LOST``.
+    reason : str
+    covariance : ndarray of float64, shape (6, 6)
+        Of ``T_key_cur``.
+    degenerate : tuple of str
+        Motions in the frame's own camera that depth does not notice.
+    """
+
+    alignment: Alignment
+    status: Status
+    reason: str
+    covariance: NDArray[np.float64]
+    degenerate: tuple[str, ...]
+
+
+class Blind:
+    """Follows a camera by depth alone.
+
+    Parameters
+    ----------
+    kit : Kit
+    course : Course
+        Moved on with each frame that is followed.
+    doubt : Doubt
+    """
+
+    def __init__(self, kit: Kit, course: Course, doubt: Doubt) -> None:
+        self._config, self._clock = kit.config, kit.clock
+        self._depth_alone, self._judge = kit.depth_alone, kit.judge
+        self._instants = kit.instants
+        self._course, self._doubt = course, doubt
+        self._is_on = kit.fitter.is_on and kit.config.planes.alone_share > 0
+        self._depth = np.empty((0, 0), np.float32)  # of the last frame without edges
+
+    def may_tell(self, frame: Frame) -> bool:
+        """Whether depth alone may say how a camera moves.
+
+        Parameters
+        ----------
+        frame : Frame
+            With hardly any edges.
+
+        Returns
+        -------
+        bool
+        """
+        sight = glimpse(frame.depth)
+        fresh = not np.array_equal(sight, self._depth)  # to the bit: depth is frozen
+        self._depth = sight
+        return fresh and self._is_on and self._course.keyframe is not None
+
+    def follow(self, seen: Seen, few: str) -> Followed:
+        """Go on by depth alone, where it fits the keyframe's; the frame is degraded, or lost.
+
+        Parameters
+        ----------
+        seen : Seen
+        few : str
+            How many edges it has.
+
+        Returns
+        -------
+        Followed
+        """
+        course, timestamp = self._course, seen.frame.timestamp
+        key, period = course.key, course.period(timestamp)
+        with self._clock("registration"):
+            start = course.T_key_last
+            if self._config.motion.prior == "constant-velocity":
+                # That of the last frames with edges is poor where they had few, as walls do.
+                velocity = course.velocity if course.is_blind else course.cruise
+                start = start @ se3.exp(velocity * math.exp(-period / FADING_S) * period)
+            alignment, covariance = self._depth_alone.align(key, seen.samples, seen.points, start)
+        T_last_cur = se3.inverse(course.T_key_last) @ alignment.T_ref_cur
+        own = in_current_camera(covariance, alignment.T_ref_cur)  # in which it was held still
+        loose = tuple(describe(way) for way in degenerate_directions(own))
+        misfit = self._judge.judge_alone(
+            alignment, len(seen.points.sigma), *speed_of(T_last_cur, period)
+        )
+        if len(loose) == 6 and misfit in ("", alignment.reason):
+            misfit = "depth constrains nothing"
+        reason = f"depth alone: {few}"
+        if loose:
+            reason += f"; not constrained: {', '.join(loose)}"
+        status = Status.LOST if misfit else Status.DEGRADED
+        # Where it may have drifted there is nothing to hold against the depth of a moment ago.
+        if not misfit and not loose and self._config.status.max_conflict:
+            status, reason = self._doubt.question(seen, alignment, status, reason)
+        if status is Status.LOST:
+            return Followed(alignment, status, f"{few}; {misfit or reason}", covariance, loose)
+        if loose:
+            self._doubt.is_sure = False
+            if course.anchor is None:
+                course.anchor = timestamp - period, course.T_world_last
+        course.is_blind, course.last_time = True, timestamp
+        course.step(alignment.T_ref_cur, T_last_cur, period)
+        self._instants.interrupt()
+        return Followed(alignment, status, reason, covariance, loose)

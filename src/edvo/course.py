@@ -1,0 +1,227 @@
+"""The course of the camera: where it was last, how it moves, and since when that is a guess."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edvo import se3
+from edvo.errors import TrajectoryError
+from edvo.front_end import rigid
+from edvo.keyframes import Keyframe
+
+LONGEST_PREDICTION_S = 0.2  # beyond it a constant velocity says nothing about a hand
+CRUISE_S = 0.5  # that the velocity is averaged over which a lost camera is expected to keep
+FADING_S = 0.5  # that a velocity lasts which nothing confirms, where depth alone goes on
+SHORTEST_PERIOD_S = 1e-3  # closer stamps are no more than a clock's jitter
+NOMINAL_PERIOD_S = 1 / 30  # stands in where stamps repeat, all but repeat, or go back
+BACK_S = 1.0  # a clock that jumps back so far has begun anew
+# Lost for longer, by time and by frames, a frame may show any place that was seen before.
+LONG_LOST_S, LONG_LOST_FRAMES = 0.3, 3
+
+
+class Course:
+    """Where a camera was last, and how it goes on from there.
+
+    Parameters
+    ----------
+    T_world_cam : ndarray of float64, shape (4, 4), optional
+        Of the first frame; the origin where not given.
+
+    Raises
+    ------
+    TrajectoryError
+        If it is no rigid motion.
+
+    Attributes
+    ----------
+    keyframe : Keyframe or None
+        That frames are registered with; None before the first one.
+    T_key_last : ndarray of float64, shape (4, 4)
+        Of the last frame that was not lost, and
+    T_world_last : ndarray of float64, shape (4, 4)
+        where that is in the world.
+    velocity : ndarray of float64, shape (6,)
+        Of the camera, in its own frame, 1/s.
+    cruise : ndarray of float64, shape (6,)
+        The same of the last half second, where it was tracked.
+    last_time : float or None
+        Of the last frame that was not lost, seconds.
+    losses : int
+        Frames lost in a row.
+    is_blind : bool
+        Whether depth alone gave the last pose.
+    anchor : (float, ndarray of float64, shape (4, 4)) or None
+        When and where it was last known where it is, if depth alone has let it drift since.
+    """
+
+    def __init__(self, T_world_cam: NDArray[np.float64] | None = None) -> None:
+        self.keyframe: Keyframe | None = None
+        self.T_key_last = np.eye(4)
+        self.T_world_last = np.eye(4) if T_world_cam is None else _checked(T_world_cam)
+        self.velocity = np.zeros(6)
+        self.cruise = np.zeros(6)
+        self.last_time: float | None = None
+        self.losses = 0
+        self.is_blind = False
+        self.anchor: tuple[float, NDArray[np.float64]] | None = None
+
+    @property
+    def key(self) -> Keyframe:
+        """The keyframe, where there is one for sure."""
+        assert self.keyframe is not None
+        return self.keyframe
+
+    def period(self, timestamp: float) -> float:
+        """Seconds since the last frame that was not lost; the usual where stamps make no sense.
+
+        Parameters
+        ----------
+        timestamp : float
+            Seconds.
+
+        Returns
+        -------
+        float
+        """
+        if self.last_time is None or timestamp - self.last_time < SHORTEST_PERIOD_S:
+            return NOMINAL_PERIOD_S
+        return timestamp - self.last_time
+
+    def follows(self, timestamp: float) -> bool:
+        """Whether the last pose is that of a moment ago.
+
+        Parameters
+        ----------
+        timestamp : float
+            Seconds.
+
+        Returns
+        -------
+        bool
+        """
+        return not self.losses and self.period(timestamp) <= LONGEST_PREDICTION_S
+
+    def is_far_step(self, timestamp: float) -> bool:
+        """Whether so few frames come that the camera may be far from where the last one was.
+
+        Parameters
+        ----------
+        timestamp : float
+            Seconds.
+
+        Returns
+        -------
+        bool
+        """
+        few = self.losses < LONG_LOST_FRAMES
+        return few and self.period(timestamp) > LONGEST_PREDICTION_S * (self.losses + 1)
+
+    def unseen(self, timestamp: float) -> float:
+        """Seconds since it was last known where it is.
+
+        Parameters
+        ----------
+        timestamp : float
+            Seconds.
+
+        Returns
+        -------
+        float
+        """
+        period = self.period(timestamp)
+        return period if self.anchor is None else max(period, timestamp - self.anchor[0])
+
+    def ahead(self, timestamp: float) -> NDArray[np.float64]:
+        """Motion since the last pose, at constant velocity.
+
+        Parameters
+        ----------
+        timestamp : float
+            Seconds.
+
+        Returns
+        -------
+        ndarray of float64, shape (4, 4)
+        """
+        return se3.exp(self.velocity * min(self.period(timestamp), LONGEST_PREDICTION_S))
+
+    def moved(
+        self, T_key_cur: NDArray[np.float64], timestamp: float
+    ) -> tuple[NDArray[np.float64], float]:
+        """Motion since the last pose that is not a guess, and the seconds that it took.
+
+        Parameters
+        ----------
+        T_key_cur : ndarray of float64, shape (4, 4)
+            Where it is now, and
+        timestamp : float
+            when, seconds.
+
+        Returns
+        -------
+        (ndarray of float64, shape (4, 4), float)
+        """
+        if not self.is_blind or self.anchor is None:
+            return se3.inverse(self.T_key_last) @ T_key_cur, self.period(timestamp)
+        T_world_cur = self.key.T_world_key @ T_key_cur
+        return se3.inverse(self.anchor[1]) @ T_world_cur, self.unseen(timestamp)
+
+    def step(
+        self, T_key_cur: NDArray[np.float64], T_last_cur: NDArray[np.float64], seconds: float
+    ) -> None:
+        """Move on to a pose; that its time has come is noted apart.
+
+        Parameters
+        ----------
+        T_key_cur : ndarray of float64, shape (4, 4)
+        T_last_cur : ndarray of float64, shape (4, 4)
+            The motion, and
+        seconds : float
+            that it took.
+        """
+        self.velocity = se3.log(T_last_cur) / seconds
+        self.T_key_last = T_key_cur
+        self.T_world_last = self.key.T_world_key @ T_key_cur
+
+    def note_tracked(self, seconds: float) -> None:
+        """Take the velocity of a tracked frame into account: a lost camera is to keep it.
+
+        Parameters
+        ----------
+        seconds : float
+            Since the frame before it.
+        """
+        self.cruise += (self.velocity - self.cruise) * min(seconds / CRUISE_S, 1.0)
+
+    def rewind(self, timestamp: float) -> bool:
+        """Count anew where a clock has jumped back, as a recording that starts over.
+
+        Parameters
+        ----------
+        timestamp : float
+            Of the next frame, seconds.
+
+        Returns
+        -------
+        bool
+            Whether it has.
+        """
+        if self.last_time is None or timestamp >= self.last_time - BACK_S:
+            return False
+        self.last_time = timestamp
+        if self.anchor is not None:
+            self.anchor = timestamp, self.anchor[1]
+        return True
+
+
+def _checked(T: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Copy of a pose that came from outside, or an error."""
+    T = np.asarray(T, np.float64)
+    if T.shape == (4, 4) and np.isfinite(T).all():
+        R = T[:3, :3]
+        turns = np.abs(R @ R.T - np.eye(3)).max() < 1e-3 and np.linalg.det(R) > 0
+        if turns and (T[3] == (0, 0, 0, 1)).all():
+            return rigid(T)
+    raise TrajectoryError(
+        f"T_world_cam is no rigid motion: {T.shape} {T.ravel().tolist()!s:.60}; give a 4 x 4 "
+        "matrix of a rotation and a translation"
+    )

@@ -1,0 +1,219 @@
+"""Doubt: what makes a pose no better than the way that led to it, and the questions that raise it.
+
+Not in the paper. A pose may fit and be wrong. Something moves by itself, the view changes at once,
+a step is so far that it may have led elsewhere, or a camera is found again that was lost from a
+pose in doubt: what follows is held in doubt for a second, too.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edvo.course import Course
+from edvo.keyframes import Keyframe
+from edvo.kit import Kit
+from edvo.registration import Alignment
+from edvo.search import Seen
+from edvo.status import Status
+from edvo.witness import Surface, Witness
+
+DOUBTFUL_S = 1.0  # after what raises doubt, a pose is no better than the way that led to it
+MOVED, ASTRAY = "something moved less than a second ago", "found again, lost from a doubtful pose"
+STEPPED = "a far step less than a second ago"
+# Motion alone does not change a view so much in so short a time: light does, or a hand that comes.
+JUST_NOW_S = 0.1
+CHANGED = "less than a second ago the view had changed at once"
+LONG_SURE_S = 3.0  # after so long in doubt a pose that was sure tells nothing
+
+
+class Doubt:
+    """Questions poses, and remembers what doubt there is, and where the camera was before it.
+
+    Parameters
+    ----------
+    kit : Kit
+    course : Course
+
+    Attributes
+    ----------
+    reason : str
+        Of the last doubt.
+    moving_time : float
+        When something was last seen to move by itself, seconds.
+    is_sure : bool
+        Whether the last pose was tracked.
+    """
+
+    def __init__(self, kit: Kit, course: Course) -> None:
+        self._limits, self._judge, self._clock = kit.config.status, kit.judge, kit.clock
+        self._course = course
+        self._witness = Witness(kit.camera, kit.config.planes.sensor)
+        self._time, self.reason = -math.inf, MOVED
+        self.moving_time = -math.inf
+        self.is_sure = True
+        # When a pose last was, and by which keyframe where.
+        self._last_sure: tuple[float, Keyframe, NDArray[np.float64]] | None = None
+
+    def cast(self, timestamp: float, reason: str) -> None:
+        """Cast doubt on what follows.
+
+        Parameters
+        ----------
+        timestamp : float
+            Seconds.
+        reason : str
+        """
+        self._time, self.reason = timestamp, reason
+
+    def lasts(self, timestamp: float) -> bool:
+        """Whether something of late makes a pose no better than the way that led to it.
+
+        Parameters
+        ----------
+        timestamp : float
+            Seconds.
+
+        Returns
+        -------
+        bool
+        """
+        return 0 <= timestamp - self._time < DOUBTFUL_S
+
+    def calm(self) -> None:
+        """Let nothing be in doubt, by what was seen till now."""
+        self._time = self.moving_time = -math.inf
+
+    def forget(self) -> None:
+        """Drop what was seen on the way here."""
+        self._witness.forget()
+        self._last_sure = None
+
+    def forget_since(self, timestamp: float) -> None:
+        """Drop the depth that was seen since a time, from poses that are wrong.
+
+        Parameters
+        ----------
+        timestamp : float
+            Seconds.
+        """
+        self._witness.forget(timestamp)
+
+    def rewind(self) -> None:
+        """Take note of a clock that has jumped back."""
+        self._last_sure = None
+        self.calm()
+
+    def note_sure(self, timestamp: float, T_key_cur: NDArray[np.float64]) -> None:
+        """Remember a pose that is beyond doubt.
+
+        Parameters
+        ----------
+        timestamp : float
+            Seconds.
+        T_key_cur : ndarray of float64, shape (4, 4)
+        """
+        self._last_sure = timestamp, self._course.key, T_key_cur.copy()
+
+    def before(self, timestamp: float) -> tuple[Keyframe, NDArray[np.float64]] | None:
+        """Where it was when it was last sure, if it was lost from a doubtful pose soon after.
+
+        Parameters
+        ----------
+        timestamp : float
+            Seconds.
+
+        Returns
+        -------
+        (Keyframe, ndarray of float64, shape (4, 4)) or None
+            And T_key_cur.
+        """
+        last = self._last_sure
+        if self.is_sure or last is None or timestamp - last[0] > LONG_SURE_S:
+            return None
+        return last[1:]
+
+    def begin(self, seen: Seen) -> None:
+        """Remember the depth of the first frame, to hold later ones against.
+
+        Parameters
+        ----------
+        seen : Seen
+        """
+        if self._limits.max_conflict:
+            with self._clock("witness"):
+                surface = self._witness.surface(seen.frame.depth)
+                T_world_cam = self._course.T_world_last
+                self._witness.remember(seen.frame.timestamp, T_world_cam, surface)
+
+    def question(
+        self, seen: Seen, alignment: Alignment, status: Status, reason: str
+    ) -> tuple[Status, str]:
+        """Hold a pose against the depth of a moment ago: what was empty cannot be filled.
+
+        Parameters
+        ----------
+        seen : Seen
+        alignment : Alignment
+        status, reason
+            As they were.
+
+        Returns
+        -------
+        (Status, str)
+            As they are then.
+        """
+        timestamp, limits = seen.frame.timestamp, self._limits
+        with self._clock("witness"):
+            conflict, T_world_cam, surface = self._conflict(seen, alignment)
+        if conflict > limits.max_conflict:
+            self.cast(timestamp, MOVED)
+            self.moving_time = timestamp
+            reason = f"{conflict:.0%} of the view stands where nothing was: something moves"
+            if conflict > limits.lost_conflict:
+                return Status.LOST, reason
+            status = Status.DEGRADED
+        self._witness.remember(timestamp, T_world_cam, surface)
+        return status, reason
+
+    def finds_motion(self, seen: Seen, alignment: Alignment) -> bool:
+        """Whether things move past a pose, though not so much that it is none; casts no doubt.
+
+        Parameters
+        ----------
+        seen : Seen
+        alignment : Alignment
+
+        Returns
+        -------
+        bool
+        """
+        with self._clock("witness"):
+            conflict = self._conflict(seen, alignment)[0]
+        return self._limits.max_conflict < conflict <= self._limits.lost_conflict
+
+    def mind_change(self, alignment: Alignment, timestamp: float) -> None:
+        """Doubt what follows a frame that fits poorly what was seen just now.
+
+        Parameters
+        ----------
+        alignment : Alignment
+        timestamp : float
+            Seconds.
+        """
+        if self._limits.sudden_change == "ignore":
+            return
+        key = self._course.key
+        age = timestamp - (key.gathered_at if key.gathered else key.timestamp)
+        if 0 <= age < JUST_NOW_S and self._judge.fits_poorly(alignment):
+            self.cast(timestamp, CHANGED)
+
+    def _conflict(
+        self, seen: Seen, alignment: Alignment
+    ) -> tuple[float, NDArray[np.float64], Surface]:
+        """How much of a frame contradicts a pose; that of its depth, and what was asked."""
+        timestamp = seen.frame.timestamp
+        T = seen.T_world_depth(self._course.key.T_world_key @ alignment.T_ref_cur)
+        self._witness.forget(timestamp)  # what it was told of this frame by another pose
+        surface = self._witness.surface(seen.frame.depth)
+        return self._witness.question(timestamp, T, surface), T, surface

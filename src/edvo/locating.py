@@ -1,0 +1,224 @@
+"""Locating a frame: registering it with the keyframe, and looking farther afield if in doubt."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edvo import kernels, se3
+from edvo.course import Course
+from edvo.doubt import STEPPED, Doubt
+from edvo.kit import Kit
+from edvo.planes import DepthTerm, thinned
+from edvo.registration import AT_ONCE, Alignment
+from edvo.scatter import clarity, is_sharper
+from edvo.search import STRIDE, Seen
+from edvo.status import Status, agreement, speed_of
+
+FAR_STEP = "a far step: of what both see enough fits, and nothing else does"
+NOT_ALONE = "a far step, and beside where it led the edges fit as well"
+SURE = 0.8  # of the samples in place: depth that contradicts a far step then leads nowhere else
+
+
+class Locator:
+    """Says where a frame was taken, as against the keyframe.
+
+    Parameters
+    ----------
+    kit : Kit
+    course : Course
+    doubt : Doubt
+        Told of far steps.
+    """
+
+    def __init__(self, kit: Kit, course: Course, doubt: Doubt) -> None:
+        self._config, self._clock = kit.config, kit.clock
+        self._registration, self._fitter = kit.registration, kit.fitter
+        self._depth_alone, self._search, self._judge = kit.depth_alone, kit.search, kit.judge
+        self._shared, self._instants = kit.shared, kit.instants
+        self._course, self._doubt = course, doubt
+
+    def locate(self, seen: Seen) -> tuple[Alignment, Status, str]:
+        """Register a frame with the keyframe, and look farther afield where that is in doubt.
+
+        Parameters
+        ----------
+        seen : Seen
+
+        Returns
+        -------
+        (Alignment, Status, str)
+            How far it is to be trusted, and why not further.
+        """
+        course, key, timestamp = self._course, self._course.key, seen.frame.timestamp
+        far = course.is_far_step(timestamp)
+        with self._clock("registration"):
+            starts = self.starts(seen)
+            term = self._shared.term(self._fitter.term, course.period(timestamp))
+            lag = self._lag(seen)
+            edges = key.edges_for(near=seen.is_near)
+            alignment = self._registration.align(
+                edges, seen.samples, starts, key.planes, seen.points, term, lag, far=far
+            )
+        is_off = self._is_off_planes if far else self._judge.is_off
+        if is_off(alignment):
+            with self._clock("search"):
+                again = self._on_planes(seen, term, alignment, far=far)
+            if far or not self._is_lost(again, timestamp) or self._is_lost(alignment, timestamp):
+                alignment = again
+        if not far and self._judge.scatter.is_wide(alignment):
+            self._judge.scatter.widen()
+            with self._clock("search"):
+                alignment = self._sharpest(seen, starts, term, alignment)
+        status, reason = self.assess(alignment, timestamp)
+        if not self._config.motion.search_deg or (status is Status.TRACKED and not far):
+            return alignment, status, reason
+        with self._clock("search"):
+            if status is not Status.TRACKED:
+                other = self._search.around(key, course.T_key_last, seen, alignment)
+                alignment = self._better(alignment, other, timestamp)
+                status, reason = self.assess(alignment, timestamp)
+            if not far or status is Status.DEGRADED:
+                return alignment, status, reason
+            if status is Status.TRACKED:
+                if self._search.is_alone(key, alignment.T_ref_cur, seen):
+                    return alignment, status, reason
+                found, reason = alignment, NOT_ALONE
+            else:
+                gap = course.period(timestamp)
+                farther = self._search.farther(key, course.T_key_last, seen, gap)
+                if farther is None:
+                    return alignment, status, reason
+                found, reason = farther, FAR_STEP
+        self._doubt.cast(timestamp, STEPPED)
+        return found, Status.DEGRADED, reason
+
+    def starts(self, seen: Seen) -> NDArray[np.float64]:
+        """Poses to start from, relative to the keyframe.
+
+        Parameters
+        ----------
+        seen : Seen
+
+        Returns
+        -------
+        ndarray of float64, shape (N, 4, 4)
+            The likeliest first.
+        """
+        course, timestamp = self._course, seen.frame.timestamp
+        still = course.T_key_last
+        starts = [still]
+        if self._config.motion.prior == "constant-velocity":
+            starts.insert(0, still @ course.ahead(timestamp))
+        if course.losses:
+            starts.append(np.eye(4))  # the camera may have come back to where the keyframe was
+        if self._config.motion.search_deg and course.is_far_step(timestamp):
+            starts = self._search.likeliest(course.key, still, seen, starts)
+        return np.array(starts)
+
+    def assess(self, alignment: Alignment, timestamp: float) -> tuple[Status, str]:
+        """Judge a registration by its evidence, and by how far it is from the last pose.
+
+        Parameters
+        ----------
+        alignment : Alignment
+        timestamp : float
+            Of the frame, seconds.
+
+        Returns
+        -------
+        (Status, str)
+            How far it is to be trusted, and why not further.
+        """
+        T_last_cur, period = self._course.moved(alignment.T_ref_cur, timestamp)
+        follows = self._course.follows(timestamp)
+        return self._judge.judge(alignment, *speed_of(T_last_cur, period), follows=follows)
+
+    def settled(self, seen: Seen, alignment: Alignment) -> Seen:
+        """Move depth and rows by what the camera has moved by, no longer by what was expected.
+
+        Parameters
+        ----------
+        seen : Seen
+        alignment : Alignment
+            Where it was found.
+
+        Returns
+        -------
+        Seen
+        """
+        course, timestamp = self._course, seen.frame.timestamp
+        if not course.follows(timestamp):
+            return seen
+        T_last_cur = se3.inverse(course.T_key_last) @ alignment.T_ref_cur
+        return self._instants.settled(seen, T_last_cur, course.period(timestamp))
+
+    def _lag(self, seen: Seen) -> kernels.Lag:
+        """When depth and rows were taken, as shares of the time since the last frame."""
+        course, timestamp = self._course, seen.frame.timestamp
+        if not course.follows(timestamp):
+            return AT_ONCE
+        return self._instants.lag(seen, course.T_key_last, course.period(timestamp))
+
+    def _better(self, found: Alignment, other: Alignment, timestamp: float) -> Alignment:
+        """Of two that fit: what is not lost, else whose depth is not off, else the clearer."""
+        if other is found:
+            return found
+        lost = [self._is_lost(each, timestamp) for each in (found, other)]
+        off = [self._judge.is_off(each) for each in (found, other)]
+        for fails, other_fails in (lost, off):
+            if fails != other_fails:
+                return other if fails else found
+        return max(found, other, key=clarity)
+
+    def _is_lost(self, alignment: Alignment, timestamp: float) -> bool:
+        return self.assess(alignment, timestamp)[0] is Status.LOST
+
+    def _sharpest(
+        self, seen: Seen, starts: NDArray[np.float64], term: DepthTerm, found: Alignment
+    ) -> Alignment:
+        """Register with a scale that is known, and take what crowds edges most clearly.
+
+        Where light makes edges come and go at once, half of them belong to no edge of the
+        keyframe: a scale that is taken from all of them lets them count. Depth knows no light, so
+        that one more start is where it leads from the first. Few samples tell the best start.
+        """
+        key, scatter = self._course.key, self._judge.scatter
+
+        def align(part: Seen, start: NDArray[np.float64]) -> Alignment:
+            return self._registration.align(
+                key.edges_for(near=part.is_near),
+                part.samples,
+                start[None],
+                key.planes,
+                part.points,
+                term,
+                self._lag(part),
+                scatter.sharp_px,
+            )
+
+        by_depth, _ = self._depth_alone.align(key, seen.samples, seen.points, starts[0])
+        usual = thinned(seen.points, self._config.planes.point_step_px)
+        few = replace(seen, samples=seen.samples.every(STRIDE), points=usual)
+        tried = [align(few, T) for T in (*starts, found.T_ref_cur, by_depth.T_ref_cur)]
+        best = align(seen, max(tried, key=clarity).T_ref_cur)
+        return best if is_sharper(best, found) else found
+
+    def _is_off_planes(self, found: Alignment) -> bool:
+        """Whether depth contradicts where edges lead, and edges are not all but sure of it."""
+        unsure = found.inliers < SURE * len(found.matches)
+        return unsure and found.sigma_depth > self._config.status.max_depth_sigma
+
+    def _on_planes(self, seen: Seen, term: DepthTerm, found: Alignment, *, far: bool) -> Alignment:
+        """Register from where depth alone leads, and take what edges and depth agree on best.
+
+        A turn and a way to the side move edges all but alike; of the planes a turn tilts each.
+        """
+        key, points = self._course.key, seen.points
+        level, _ = self._depth_alone.align(key, seen.samples, points, found.T_ref_cur)
+        start = level.T_ref_cur[None]
+        edges, lag = key.edges_for(near=seen.is_near), self._lag(seen)
+        again = self._registration.align(
+            edges, seen.samples, start, key.planes, points, term, lag, far=far
+        )
+        return max((found, again), key=lambda each: agreement(each, key.planes, points))

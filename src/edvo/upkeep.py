@@ -1,0 +1,261 @@
+"""Upkeep of keyframes: when the next one is made, what is added to it, and what is found back by.
+
+A keyframe is made, or added to, in the time of the frame after it: what was seen is kept till then.
+"""
+
+import logging
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edvo import se3
+from edvo.course import Course
+from edvo.frame import Frame
+from edvo.gathering import gather, may_gather
+from edvo.information import Information
+from edvo.keyframes import Keyframe, KeyframeStore, is_due
+from edvo.kit import Kit
+from edvo.last_good import LastGood
+from edvo.pieces import Pieces
+from edvo.search import Seen, is_apart
+from edvo.window import KeyframeWindow
+
+logger = logging.getLogger("edvo.odometry")  # one for all that the tracker has to say
+
+
+@dataclass(frozen=True, slots=True)
+class _Due:
+    """A frame that is to be the keyframe, or to add to it, once another frame is there."""
+
+    seen: Seen  # its depth is kept
+    index: int
+    velocity: NDArray[np.float64] | None
+    is_placed: bool = False  # by the window
+    T_key_cur: NDArray[np.float64] | None = None  # where the keyframe stays, and gathers its edges
+
+
+class Upkeep:
+    """Makes the keyframes of a course, adds to them, and stores them.
+
+    Parameters
+    ----------
+    kit : Kit
+    course : Course
+        Whose keyframe it sets.
+    pieces : Pieces
+        Of the path, that keyframes belong to.
+
+    Attributes
+    ----------
+    store : KeyframeStore
+        Keyframes to find back to.
+    """
+
+    def __init__(self, kit: Kit, course: Course, pieces: Pieces) -> None:
+        self._camera, self._limits, self._clock = kit.camera, kit.config.keyframes, kit.clock
+        self._registration, self._fitter = kit.registration, kit.fitter
+        self._front_end, self._shared, self._instants = kit.front_end, kit.shared, kit.instants
+        self._course, self._pieces = course, pieces
+        self.store = KeyframeStore(self._limits.stored)
+        self._window = KeyframeWindow(kit.config, kit.registration, kit.uncertainty)
+        self._information = Information()
+        self._last_good = LastGood()
+        self._due: _Due | None = None
+
+    def catch_up(self) -> None:
+        """Make the last frame the keyframe, or add its edges to it, if that is due."""
+        due, self._due = self._due, None
+        if due is not None and due.T_key_cur is not None:
+            self._gather(due.seen, due.T_key_cur, due.velocity)
+        elif due is not None:
+            keyframe = self.make(due.seen, due.index, due.velocity)
+            if due.is_placed:
+                self._window.take(keyframe)
+
+    def attend(
+        self,
+        seen: Seen,
+        index: int,
+        share: float,
+        covariance: NDArray[np.float64] | None,
+        period: float,
+        velocity: NDArray[np.float64] | None,
+        *,
+        is_whole: bool,
+        is_tracked: bool,
+    ) -> tuple[NDArray[np.float64], bool]:
+        """See to the keyframe after a frame that was registered with it, and noted in the course.
+
+        Parameters
+        ----------
+        seen : Seen
+            The frame.
+        index : int
+            Its number.
+        share : float
+            Of the samples that were registered, of those that fit.
+        covariance : ndarray of float64, shape (6, 6), or None
+            Of ``T_key_cur``; None where it is not known.
+        period : float
+            Seconds since the last pose.
+        velocity : ndarray of float64, shape (6,), or None
+            Of the camera; None where it is not known, since the last pose is too old.
+        is_whole : bool
+            Whether all of it was registered, and not only what stands still.
+        is_tracked : bool
+            Whether there is no doubt.
+
+        Returns
+        -------
+        T_key_cur : ndarray of float64, shape (4, 4)
+            Where the frame is then: one that is to be the keyframe may be moved.
+        is_keyframe : bool
+            Whether it is to be that.
+        """
+        rule, key, T_key_cur = self._limits, self._course.key, self._course.T_key_last
+        age, better = index - key.index, False
+        if rule.early_share < 1 and covariance is not None:
+            better = self._information.is_better(covariance, period)
+        certain = self._course.anchor is None
+        due = certain and is_due(rule, T_key_cur, share, age, well_placed=better)
+        # one that has gathered the last frame's edges, and serves no better, gives way
+        fresh = seen.frame.timestamp - key.gathered_at > 1.5 * period
+        gathers = due and fresh and seen.is_near and is_whole
+        gathers = gathers and may_gather(rule, key, T_key_cur, share)
+        together = rule.window > 2 and is_whole and velocity is not None and is_tracked
+        if gathers:
+            kept, due = self._front_end.keep(seen, aside=True), False
+            self._due = _Due(kept, index, velocity, T_key_cur=T_key_cur.copy())
+        elif due:
+            placed_by = covariance if together else None
+            if placed_by is not None:
+                T_key_cur = self._place(seen, T_key_cur, placed_by)
+            kept = self._front_end.keep(seen)
+            self._due = _Due(kept, index, velocity, placed_by is not None)
+        elif velocity is not None:
+            self._renew(velocity)
+        return T_key_cur, due
+
+    def make(self, seen: Seen, index: int, velocity: NDArray[np.float64] | None) -> Keyframe:
+        """Make a frame the keyframe, its parts moved by the velocity where that is known.
+
+        Parameters
+        ----------
+        seen : Seen
+            The frame that was seen last, its depth kept.
+        index : int
+            Its number.
+        velocity : ndarray of float64, shape (6,), or None
+            Of the camera.
+
+        Returns
+        -------
+        Keyframe
+        """
+        with self._clock("keyframe"):
+            if velocity is not None:  # measured by now, no longer expected
+                T_cam_depth = self._instants.depth.motion(velocity, seen.frame.depth_delay)
+                seen = replace(seen, T_cam_depth=T_cam_depth)
+            kept, telling = self._front_end.to_keep(seen)
+            if velocity is not None and kept.samples is not seen.samples:  # those were by then
+                samples = self._instants.rolling.unrolled(kept.samples, velocity)
+                kept = replace(kept, samples=samples)
+            edges = kept.edges.describe(self._camera)
+            keyframe = self._front_end.keyframe(
+                kept,
+                index,
+                self._course.T_world_last,
+                self._pieces.here,
+                self._instants.unrolled(edges, kept, velocity),
+                telling,
+            )
+            self.take(keyframe)
+            self._instants.hold(keyframe, kept, edges, velocity)
+        return keyframe
+
+    def take(self, keyframe: Keyframe, *, keep: bool = True) -> None:
+        """Register frames with a keyframe from now on, which is where the camera is.
+
+        Parameters
+        ----------
+        keyframe : Keyframe
+        keep : bool
+            Whether it is to be found back to.
+        """
+        self._course.keyframe, self._course.T_key_last = keyframe, np.eye(4)
+        if keep and self._limits.stored:
+            self.store.add(keyframe)
+        logger.debug("frame %d is a keyframe", keyframe.index)
+
+    def note_good(self, frame: Frame, index: int, share: float) -> None:
+        """Take note of a frame that is as it should be, if enough of it fits.
+
+        Parameters
+        ----------
+        frame : Frame
+        index : int
+            Its number.
+        share : float
+            Of its samples that fit.
+        """
+        if share > self._limits.min_overlap and self._limits.stored:
+            self._last_good.note(index, frame, self._course.T_world_last)
+
+    def forget_good(self) -> None:
+        """Drop the last good image: where it was taken is doubtful by now."""
+        self._last_good.forget()
+
+    def store_last_good(self, index: int) -> None:
+        """Make the last good image a place to find back to, if none like it is known.
+
+        Parameters
+        ----------
+        index : int
+            Of the frame that is lost now.
+        """
+        good = self._last_good.take() if self._limits.stored else None
+        if good is None:
+            return
+        piece = self._pieces.here
+        known = [T for number, T in self.store.places(piece) if number < good.index]
+        if is_apart(good.T_world_cam, known):
+            seen = self._front_end.see(good.frame, index)
+            with self._clock("keyframe"):
+                self.store.add(self._front_end.keyframe(seen, good.index, good.T_world_cam, piece))
+
+    def _place(
+        self, seen: Seen, T_key_cur: NDArray[np.float64], covariance: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Move a frame that is to be the keyframe to where the last few place it: T_key_cur."""
+        course, last, term = self._course, self._course.key, self._shared.term(self._fitter.term)
+        with self._clock("keyframe"):
+            course.T_world_last = self._window.place(last, seen, T_key_cur, covariance, term)
+        return se3.inverse(last.T_world_key) @ course.T_world_last
+
+    def _gather(
+        self, seen: Seen, T_key_cur: NDArray[np.float64], velocity: NDArray[np.float64] | None
+    ) -> None:
+        """Add to the keyframe the edges of a frame that it does not know."""
+        before = self._course.key
+        with self._clock("keyframe"):
+            edges = self._front_end.edges_with_depth(seen)
+            if velocity is not None:
+                edges = self._instants.rolling.unrolled(edges, velocity)
+            when = seen.frame.timestamp
+            more = gather(before, edges, T_key_cur, when, self._registration, self._camera)
+            self._instants.exchange(before, more)
+            self._exchange(before, more)
+        logger.debug("keyframe %d has gathered %d edges", more.index, more.gathered)
+
+    def _renew(self, velocity: NDArray[np.float64]) -> None:
+        """Move the parts of the keyframe, where more is known by now of when they were taken."""
+        with self._clock("keyframe"):
+            keyframe = self._instants.renewed(self._course.key, velocity)
+            if keyframe is not None:
+                self._exchange(self._course.key, keyframe)
+
+    def _exchange(self, keyframe: Keyframe, by: Keyframe) -> None:
+        """Put another in the place of the keyframe, which stays where it is."""
+        self.store.replace(keyframe, by)
+        self._course.keyframe = by
