@@ -31,7 +31,7 @@ from .test_witness import CAMERA, STILL, noisy, room
 PINHOLE = kernels.Pinhole(535.4, 539.2, 320.1, 247.6, 640, 480)
 FOLLOW = ("status.moving=follow",)
 # by whose luck these people are noticed late
-LATE = ("edges.grey_steps=1", "keyframes.edge_scale=1")
+LATE = ("edges.grey_steps=1", "keyframes.edge_scale=1", "edges.depth_rule=window")
 
 
 def background() -> Background:

@@ -156,7 +156,7 @@ def test_draw_samples_to_the_last_one(rng, seed, cell, per_cell, count):
     drawn, expected = both(
         "draw_samples",
         lambda: kernels.draw_samples(
-            index, depth, cell, per_cell, count, radius, gap, seed, samples, depths
+            index, depth, cell, per_cell, count, radius, gap, False, seed, samples, depths
         ),
         lambda: twins.draw_samples(index, available, depth.shape, cell, per_cell, count, seed),
     )
@@ -167,7 +167,7 @@ def test_draw_samples_to_the_last_one(rng, seed, cell, per_cell, count):
 def test_draw_samples_of_no_edges():
     none, depth = np.empty(0, np.int32), np.ones((48, 64), np.float32)
     buffers = np.empty(5, np.int32), np.empty(5, np.float32)
-    assert kernels.draw_samples(none, depth, 16, 5, 5, 2, 0.05, 0, *buffers) == 0
+    assert kernels.draw_samples(none, depth, 16, 5, 5, 2, 0.05, False, 0, *buffers) == 0
 
 
 def test_back_project(rng):

@@ -13,7 +13,7 @@ from edvo.sampling import sample_edges
 from . import problems
 
 CAMERA = problems.VGA
-EDGES = EdgesConfig()
+EDGES = EdgesConfig(depth_rule="window")
 
 
 def edge_image(mask):

@@ -80,6 +80,86 @@ def depth_at(depth, u, v, radius, gap):
     return 0.0
 
 
+def plane_through(x, y, w):
+    """Value at (0, 0), square of the rest, variance of the value, square of the slope."""
+    A = np.column_stack([np.ones(len(x)), x, y])
+    if len(x) < kernels.LEAST_PIXELS or np.linalg.matrix_rank(A) < 3:
+        return 0.0, np.inf, np.inf, 0.0
+    found = np.linalg.lstsq(A, w, rcond=None)[0]
+    return (
+        found[0],
+        np.mean((A @ found - w) ** 2),
+        np.linalg.inv(A.T @ A)[0, 0],
+        found[1:] @ found[1:],
+    )
+
+
+def depth_across(depth, u, v, gu, gv, sigma, rough):
+    """Depth of an edge by planes through what lies to either side of it; 0 for none."""
+    height, width = depth.shape
+    reach = kernels.ACROSS + kernels.HALF_LENGTH
+    if not (reach <= u < width - 1 - reach and reach <= v < height - 1 - reach):
+        return 0.0
+    x, y = np.meshgrid(
+        np.arange(-kernels.ACROSS, kernels.ACROSS + 1),
+        np.arange(-kernels.HALF_LENGTH, kernels.HALF_LENGTH + 1),
+    )
+    col, row = np.floor(u + x * gu - y * gv + 0.5), np.floor(v + x * gv + y * gu + 0.5)
+    w = depth[row.astype(int), col.astype(int)].astype(np.float64)
+    x, y, w = x[w > 0], y[w > 0], w[w > 0]
+    fits = [plane_through(x[part], y[part], w[part]) for part in (x > 0, x < 0, x > -9)]
+    limits = (kernels.ONE_SIDE, kernels.ONE_SIDE, kernels.ONE_SURFACE)
+    noises = [sigma**2 + slope * kernels.ROUNDING for *_, slope in fits]
+    good = [
+        off < limit**2 * noise and spread < 1 and np.sqrt(slope) < kernels.STEEP * rough
+        for (_, off, spread, slope), limit, noise in zip(fits, limits, noises, strict=True)
+    ]
+    a, b, one = (fit[0] for fit in fits)
+    if good[0] and good[1]:
+        var_a, var_b = (fit[2] * noise for fit, noise in zip(fits[:2], noises[:2], strict=True))
+        mean = (a / var_a + b / var_b) / (1 / var_a + 1 / var_b)
+        if abs(a - b) >= kernels.STEPPED * np.sqrt(var_a + var_b):
+            return min(a, b)
+        bent = abs(mean - one) >= kernels.BENT / np.sqrt(1 / var_a + 1 / var_b)
+        return one if good[2] and not bent else mean
+    if good[2]:
+        return one
+    for fits_well, value, others in ((good[0], a, x < 0), (good[1], b, x > 0)):
+        if fits_well and others.sum() < kernels.LEAST_PIXELS:
+            return value
+    return 0.0
+
+
+def fit_edge_depths(pixels, gradients, index, depth, camera, T, radius, gap, sigma, given):
+    """Depths of edges by their sides, else by the window; T is None where depth came at once."""
+    found = given.astype(np.float64)
+    height, width = depth.shape
+    for k, i in enumerate(index):
+        raw = np.array([i % width, i // width])
+        ideal = np.array(pixels[k], np.float64)
+        there = ideal
+        if camera.is_distorted:
+            there = raw + ideal - camera.undistortion_table()[raw[1], raw[0]]
+        last = None
+        for _ in range(1 if T is None else 2):
+            by, dz = (np.zeros(2), 0.0) if T is None else shift(camera, ideal, found[k], T)
+            if last is not None and (abs(by - last) < 0.5).all():
+                break
+            last = by
+            u, v = there + by
+            z = depth_across(depth, u, v, *map(float, gradients[k]), sigma[k], found[k] + dz)
+            if z <= 0:
+                col, row = int(np.floor(u + 0.5)), int(np.floor(v + 0.5))
+                if not (0 <= col < width and 0 <= row < height):
+                    break
+                z = kernels.depth_at(depth, col, row, radius, gap)
+            if z <= 0 or not z - dz > kernels.MIN_DEPTH:
+                found[k] = found[k] if T is not None else 0.0
+                break
+            found[k] = z - dz
+    return found
+
+
 def depths_at(depth, index, radius, gap):
     width = depth.shape[1]
     return np.array([depth_at(depth, int(i) % width, int(i) // width, radius, gap) for i in index])
@@ -642,6 +722,11 @@ def move_planes(T, normals, offsets, centres):
 def _shift(camera, raw, z, T):
     """By how much a raw pixel, (2,), moves, and its depth changes."""
     ideal = camera.undistortion_table()[raw[1], raw[0]] if camera.is_distorted else raw
+    return shift(camera, ideal, z, T)
+
+
+def shift(camera, ideal, z, T):
+    """By how much an ideal pixel, (2,), moves, and its depth changes."""
     ray = np.array([(ideal[0] - camera.cx) / camera.fx, (ideal[1] - camera.cy) / camera.fy, 1.0])
     X = T[:3, :3] @ (ray * z) + T[:3, 3]
     there = np.array([camera.fx, camera.fy]) * X[:2] / X[2] + (camera.cx, camera.cy)

@@ -92,6 +92,11 @@ class EdgesConfig(Section):
         description="where an edge lies: at the vertex of a Gaussian through three gradients, or "
         "in the middle of its pixel as in the paper",
     )
+    depth_rule: Literal["sides", "window"] = Field(
+        default="sides",
+        description="depth of an edge: by planes through what lies to either side of it, as far as "
+        "noise tells them apart, or from the window round it alone",
+    )
     depth_window_px: Annotated[int, Field(ge=1, le=15)] = Field(
         default=5, description="side of the window that the depth of an edge is taken from, odd"
     )
@@ -631,7 +636,13 @@ class Config(Section):
 PRESETS: dict[str, dict[str, Any]] = {
     "default": {},
     "paper": {
-        "edges": {"strong_share": 0.0, "faint_scale": 1.0, "position": "pixel", "grey_steps": 1},
+        "edges": {
+            "strong_share": 0.0,
+            "faint_scale": 1.0,
+            "position": "pixel",
+            "grey_steps": 1,
+            "depth_rule": "window",
+        },
         "planes": {
             "weight": 0.0,
             "alone_share": 0.0,

@@ -76,6 +76,19 @@ class EdgePixels:
         """
         return EdgePixels(self.pixels[:count], self.gradients[:count], self.depths[:count])
 
+    def where(self, chosen: NDArray[np.bool_]) -> "EdgePixels":
+        """Take some of them.
+
+        Parameters
+        ----------
+        chosen : ndarray of bool, shape (N,)
+
+        Returns
+        -------
+        EdgePixels
+        """
+        return EdgePixels(self.pixels[chosen], self.gradients[chosen], self.depths[chosen])
+
     def joined(self, others: "EdgePixels") -> "EdgePixels":
         """Put others behind them.
 

@@ -20,6 +20,7 @@ from edvo.planes import PlaneFitter, thinned
 from edvo.registration import Registration
 from edvo.sampling import sample_edges
 from edvo.search import Seen
+from edvo.sensor import DEPTH_NOISE
 
 SEED_STRIDE = 1_000_003  # frames that seeds keep apart
 GATHERED = 6000  # edges that a keyframe is shown of another light: more would delay a frame
@@ -162,6 +163,7 @@ class FrontEnd:
             config.seed if seed is None else seed,
             T_cam_depth,
             count,
+            DEPTH_NOISE[config.planes.sensor],
         )
 
     def keyframe(

@@ -56,6 +56,17 @@ LOG_2 = np.float32(np.log(2))
 ROOT_OF_HALF = np.int32(np.float32(np.sqrt(0.5)).view(np.int32))  # its bits
 FLAT = np.float32(1e-6)  # a bend of less than that is none: logarithms are not more exact
 BATCH = 1024  # edges whose gradients are at hand together: they stay in the nearest cache
+# The patch that tells the depth of an edge: so many pixels to either side, and half as long;
+ACROSS, HALF_LENGTH = 3, 1
+HALF_SQUARES = float(sum(j * j for j in range(-HALF_LENGTH, HALF_LENGTH + 1)))
+LEAST_PIXELS = 6  # of a side,
+ONE_SURFACE, ONE_SIDE = (
+    1.5,
+    2.0,
+)  # off by less, rms, in units of the noise, it is one surface, a side
+BENT, STEPPED = 3.0, 5.0  # so many standard deviations apart it bends there, or ends
+STEEP = 0.02  # of the depth, from pixel to pixel: what is turned away farther is no surface
+ROUNDING = 1 / 12  # px^2, of a pixel that is the nearest to where it should be
 MIN_PLANE_SIGMA = 0.02  # floor of the scale of distances to planes, in units of the noise
 
 
@@ -223,6 +234,21 @@ class Chamfer(NamedTuple):
     directions: I32  # (N,) of their gradients
     camera: Pinhole
     least: float  # such a share counts at least as being in view
+
+
+class Sums(NamedTuple):
+    """Sums over n pixels, at (u, v) from the middle of a window, of w: depth, or its inverse."""
+
+    n: float
+    u: float
+    v: float
+    uu: float
+    uv: float
+    vv: float
+    w: float
+    uw: float
+    vw: float
+    ww: float
 
 
 class Solver(NamedTuple):
@@ -687,6 +713,26 @@ def summarise_edges(
         shares[i] = np.sqrt(shares[i] / total)
 
 
+@lean_float
+def plane_through(sums: Sums) -> tuple[float, float, float, float, float]:
+    """Fit w = w0 + a u + b v by least squares: w0, a, b, the mean square of what is off it.
+
+    That is infinite where pixels are too few or in line. Last comes the variance of w0, where each
+    pixel has one of 1.
+    """
+    share = 1.0 / sums.n
+    mu, mv, mw = share * sums.u, share * sums.v, share * sums.w
+    cuu, cuv, cvv = share * sums.uu - mu * mu, share * sums.uv - mu * mv, share * sums.vv - mv * mv
+    cuw, cvw, cww = share * sums.uw - mu * mw, share * sums.vw - mv * mw, share * sums.ww - mw * mw
+    det = cuu * cvv - cuv * cuv
+    if not det > 1e-6:
+        return 0.0, 0.0, 0.0, np.inf, np.inf
+    per_det = 1.0 / det
+    a, b = (cuw * cvv - cvw * cuv) * per_det, (cvw * cuu - cuw * cuv) * per_det
+    spread = share * (1 + (mu * mu * cvv - 2 * mu * mv * cuv + mv * mv * cuu) * per_det)
+    return mw - a * mu - b * mv, a, b, cww - a * cuw - b * cvw, spread
+
+
 @lean
 def depth_at(depth: F32, u: int, v: int, radius: int, gap: float) -> np.float32:
     """Depth (m) of an edge pixel from the window round it; 0 where the window holds none.
@@ -743,21 +789,6 @@ def depths_at(depth: F32, index: I32, radius: int, gap: float, depths: F32) -> N
 # --------------------------------------------------------------------------------------- planes
 
 
-class Sums(NamedTuple):
-    """Sums over the n pixels of a window, at (u, v) from its middle, of inverse depth w."""
-
-    n: float
-    u: float
-    v: float
-    uu: float
-    uv: float
-    vv: float
-    w: float
-    uw: float
-    vw: float
-    ww: float
-
-
 @lean_float
 def set_plane(
     sums: Sums,
@@ -774,17 +805,8 @@ def set_plane(
 
     ``off`` (1/m) is a root mean square. The plane becomes the ``k``-th.
     """
-    share = 1.0 / sums.n
-    mu, mv, mw = share * sums.u, share * sums.v, share * sums.w
-    cuu, cuv, cvv = share * sums.uu - mu * mu, share * sums.uv - mu * mv, share * sums.vv - mv * mv
-    cuw, cvw, cww = share * sums.uw - mu * mw, share * sums.vw - mv * mw, share * sums.ww - mw * mw
-    det = cuu * cvv - cuv * cuv
-    if det <= 1e-6:
-        return
-    per_det = 1.0 / det
-    a, b = (cuw * cvv - cvw * cuv) * per_det, (cvw * cuu - cuw * cuv) * per_det
-    w = mw - a * mu - b * mv
-    if cww - a * cuw - b * cvw > off * off or w <= 0:
+    w, a, b, square, _ = plane_through(sums)
+    if square > off * off or w <= 0:
         return
     # 1 / z = w + a (u - cu) + b (v - cv) with u = fx x / z + cx says N . X = 1
     nx, ny = a * camera.fx, b * camera.fy
@@ -1161,6 +1183,156 @@ def delayed_depths(
             depths[k] = z - dz
 
 
+@lean
+def sum_patch(
+    depth: F32, u: float, v: float, gu: float, gv: float, first: int, last: int, z: float
+) -> Sums:
+    """Sums of depth less z over pixels ``first`` to ``last`` along a gradient at (u, v).
+
+    In the sums u goes along the gradient and v along the edge. Pixels have to be in the image.
+    """
+    n, su, sv, suu, suv, svv = 0, 0.0, 0.0, 0.0, 0.0, 0.0
+    sw, suw, svw, sww = 0.0, 0.0, 0.0, 0.0
+    for i in range(first, last + 1):
+        x = float(i)
+        cu, cv = u + x * gu + 0.5, v + x * gv + 0.5
+        here, y1, y2 = 0, 0.0, HALF_SQUARES
+        w1 = 0.0
+        for j in range(-HALF_LENGTH, HALF_LENGTH + 1):
+            there = depth[int(cv + j * gu), int(cu - j * gv)]
+            if there > 0:
+                w = there - z
+                here += 1
+                w1 += w
+                svw += j * w
+                sww += w * w
+            else:
+                y1, y2 = y1 - j, y2 - j * j
+        n += here
+        su, suu = su + here * x, suu + here * x * x
+        sv, suv, svv = sv + y1, suv + x * y1, svv + y2
+        sw, suw = sw + w1, suw + x * w1
+    return Sums(float(n), su, sv, suu, suv, svv, sw, suw, svw, sww)
+
+
+@lean
+def both(a: Sums, b: Sums) -> Sums:
+    """Sums over two patches."""
+    return Sums(
+        a.n + b.n,
+        a.u + b.u,
+        a.v + b.v,
+        a.uu + b.uu,
+        a.uv + b.uv,
+        a.vv + b.vv,
+        a.w + b.w,
+        a.uw + b.uw,
+        a.vw + b.vw,
+        a.ww + b.ww,
+    )
+
+
+@lean_float
+def depth_across(
+    depth: F32, u: float, v: float, gu: float, gv: float, sigma: float, z: float
+) -> float:
+    """Depth (m) of an edge at (u, v), from what lies to either side of it along its gradient.
+
+    One plane through both sides, unless those end at the edge at other depths than it has there:
+    where they meet, the surface bends, and their mean counts; else the nearer one owns the edge.
+    ``sigma`` (m) is the noise there, ``z`` (m) any depth nearby. 0 where neither side is plane, or
+    the image ends.
+    """
+    height, width = depth.shape
+    reach = ACROSS + HALF_LENGTH
+    if not (reach <= u < width - 1 - reach and reach <= v < height - 1 - reach):
+        return 0.0
+    ahead = sum_patch(depth, u, v, gu, gv, 1, ACROSS, z)
+    behind = sum_patch(depth, u, v, gu, gv, -ACROSS, -1, z)
+    here = sum_patch(depth, u, v, gu, gv, 0, 0, z)
+    a, au, av, a_off, a_spread = plane_through(ahead)
+    b, bu, bv, b_off, b_spread = plane_through(behind)
+    every = both(both(ahead, behind), here)
+    one, u1, v1, off, spread = plane_through(every)
+    a_slope, b_slope, one_slope = au * au + av * av, bu * bu + bv * bv, u1 * u1 + v1 * v1
+    noise, steep = sigma * sigma, STEEP * STEEP * z * z
+    a_noise, b_noise = noise + ROUNDING * a_slope, noise + ROUNDING * b_slope
+    seen_a, seen_b = ahead.n >= LEAST_PIXELS, behind.n >= LEAST_PIXELS
+    has_a = a_off < ONE_SIDE * ONE_SIDE * a_noise and a_slope < steep and seen_a and a_spread < 1
+    has_b = b_off < ONE_SIDE * ONE_SIDE * b_noise and b_slope < steep and seen_b and b_spread < 1
+    is_one = off < ONE_SURFACE * ONE_SURFACE * (noise + ROUNDING * one_slope)
+    is_one = is_one and one_slope < steep and every.n >= LEAST_PIXELS and spread < 1
+    if has_a and has_b:
+        a_spread, b_spread = a_noise * a_spread, b_noise * b_spread
+        share = b_spread / (a_spread + b_spread)
+        mean = share * a + (1 - share) * b
+        if (a - b) ** 2 >= STEPPED * STEPPED * (a_spread + b_spread):
+            return z + min(a, b)
+        if is_one and (mean - one) ** 2 < BENT * BENT * share * a_spread:
+            return z + one
+        return z + mean
+    if is_one:
+        return z + one
+    if has_a and not seen_b:
+        return z + a
+    if has_b and not seen_a:
+        return z + b
+    return 0.0
+
+
+@compiled
+def fit_edge_depths(
+    pixels: F32,
+    gradients: F32,
+    index: I32,
+    depth: F32,
+    table: F32,
+    camera: Pinhole,
+    T_depth_cam: F64,
+    delayed: bool,
+    radius: int,
+    gap: float,
+    sigma: F64,
+    depths: F32,
+) -> None:
+    """Overwrite depths (m) of edges, known roughly, by `depth_across`, else by `depth_at`, else 0.
+
+    ``pixels`` and ``gradients`` are ideal, ``index`` tells their raw pixels. Where the depth image
+    is of another instant (``delayed``), it is looked up where the edge was then, as
+    `delayed_depths` does; where there is none the last one stays.
+    """
+    height, width = depth.shape
+    per_width = 1 / width
+    for k in range(depths.size):
+        v0, u0 = row_and_column(index[k], per_width, width)
+        cu, cv = np.float64(pixels[k, 0]), np.float64(pixels[k, 1])
+        u, v = cu, cv
+        if table.size > 0:
+            u, v = u0 + cu - table[v0, u0, 0], v0 + cv - table[v0, u0, 1]
+        gu, gv = np.float64(gradients[k, 0]), np.float64(gradients[k, 1])
+        z = float(depths[k])
+        du, dv, dz = 0.0, 0.0, 0.0
+        for turn in range(2):
+            if delayed:
+                before_u, before_v = du, dv
+                du, dv, dz = shift_pixel(cu, cv, z, camera, T_depth_cam)
+                if turn > 0 and abs(du - before_u) < 0.5 and abs(dv - before_v) < 0.5:
+                    break
+            found = depth_across(depth, u + du, v + dv, gu, gv, sigma[k], z + dz)
+            if found <= 0:
+                row, col = int(np.floor(v + dv + 0.5)), int(np.floor(u + du + 0.5))
+                if not (0 <= col < width and 0 <= row < height):
+                    break
+                found = float(depth_at(depth, col, row, radius, gap))
+            if found <= 0 or not found - dz > MIN_DEPTH:
+                z = z if delayed else 0.0
+                break
+            z = found - dz
+            if not delayed:
+                break
+        depths[k] = z
+
+
 @compiled
 def draw_samples(
     index: I32,
@@ -1170,13 +1342,15 @@ def draw_samples(
     count: int,
     radius: int,
     gap: float,
+    roughly: bool,
     seed: int,
     samples: I32,
     depths: F32,
 ) -> int:
     """Draw at most ``count`` edges with depth: some from each cell, then from all of them.
 
-    Depth is looked up for the edges drawn and for no others; one without it is passed over.
+    Depth is looked up for the edges drawn and for no others, ``roughly`` at the pixel itself if
+    that has any; an edge without depth is passed over.
     Writes positions in ``index`` in ascending order, and depths; returns how many.
     """
     height, width = depth.shape
@@ -1217,7 +1391,9 @@ def draw_samples(
             i = draw(pool, first, last, state)
             first += 1
             v, u = row_and_column(index[i], per_width, width)
-            found[i] = depth_at(depth, u, v, radius, gap)
+            found[i] = depth[v, u] if roughly else np.float32(0)
+            if not found[i] > MIN_DEPTH:
+                found[i] = depth_at(depth, u, v, radius, gap)
             if found[i] > 0:
                 taken += 1
                 left -= 1
@@ -1230,7 +1406,9 @@ def draw_samples(
         i = draw(pool, first, rest, state)
         first += 1
         v, u = row_and_column(index[i], per_width, width)
-        found[i] = depth_at(depth, u, v, radius, gap)
+        found[i] = depth[v, u] if roughly else np.float32(0)
+        if not found[i] > MIN_DEPTH:
+            found[i] = depth_at(depth, u, v, radius, gap)
         if found[i] > 0:
             left -= 1
     filled = 0

@@ -8,6 +8,9 @@ from edvo.camera import Camera
 from edvo.config import EdgesConfig, SamplingConfig
 from edvo.edges import NO_TABLE, EdgeImage, EdgePixels
 from edvo.planes import camera_of
+from edvo.sensor import DEPTH_NOISE, DepthNoise
+
+AT_ONCE = np.eye(4)
 
 
 def sample_edges(
@@ -19,6 +22,7 @@ def sample_edges(
     seed: int,
     T_cam_depth: NDArray[np.float64] | None = None,
     count: int | None = None,
+    noise: DepthNoise = DEPTH_NOISE["kinect_v1"],
 ) -> EdgePixels:
     """Draw N edges with depth: so many from each grid cell, the rest at random from all.
 
@@ -43,6 +47,8 @@ def sample_edges(
         the same where not given.
     count : int, optional
         N, where it is not that of ``config``.
+    noise : DepthNoise, optional
+        Of the depth image, which tells a bend of a surface, or its end, from chance.
 
     Returns
     -------
@@ -53,28 +59,53 @@ def sample_edges(
     count = min(wanted, len(edges)) if wanted else len(edges)
     which = np.empty(count, np.int32)
     depths = np.empty(count, np.float32)
+    radius, gap = edges_config.depth_window_px // 2, edges_config.depth_gap
+    by_sides = edges_config.depth_rule == "sides"
     drawn = kernels.draw_samples(
         edges.index,
         depth,
         config.cell_px,
         config.per_cell,
         count,
-        edges_config.depth_window_px // 2,
-        edges_config.depth_gap,
+        radius,
+        gap,
+        by_sides,
         seed,
         which,
         depths,
     )
-    if T_cam_depth is not None:
-        kernels.delayed_depths(
-            edges.index,
-            which[:drawn],
-            depth,
-            camera.undistortion_table() if camera.is_distorted else NO_TABLE,
-            camera_of(camera),
-            se3.inverse(T_cam_depth),
-            edges_config.depth_window_px // 2,
-            edges_config.depth_gap,
-            depths,
-        )
-    return edges.describe(camera, which[:drawn], depths[:drawn])
+    which, depths = which[:drawn], depths[:drawn]
+    table = camera.undistortion_table() if camera.is_distorted else NO_TABLE
+    T_depth_cam = AT_ONCE if T_cam_depth is None else se3.inverse(T_cam_depth)
+    delayed = T_cam_depth is not None
+    if not by_sides:
+        if delayed:
+            kernels.delayed_depths(
+                edges.index,
+                which,
+                depth,
+                table,
+                camera_of(camera),
+                T_depth_cam,
+                radius,
+                gap,
+                depths,
+            )
+        return edges.describe(camera, which, depths)
+    described = edges.describe(camera, which, depths)
+    kernels.fit_edge_depths(
+        described.pixels,
+        described.gradients,
+        edges.index[which],
+        depth,
+        table,
+        camera_of(camera),
+        T_depth_cam,
+        delayed,
+        radius,
+        gap,
+        noise.sigma_z(depths),
+        depths,
+    )
+    agreed = depths > 0
+    return described if agreed.all() else described.where(agreed)
