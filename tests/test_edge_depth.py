@@ -96,6 +96,12 @@ def test_where_neither_side_is_plane_there_is_none(spoil):
         assert across(rng.uniform(1, 3, U.shape)) == 0
 
 
+def test_without_a_gradient_there_are_no_sides():
+    depth = np.full(U.shape, 2, np.float32)
+    for gu, gv in ((np.nan, np.nan), (np.nan, 0.0), (np.inf, 0.0)):
+        assert kernels.depth_across(depth, 80.0, 60.0, gu, gv, SIGMA, 2.0) == 0
+
+
 def test_few_pixels_in_line_are_no_plane():
     depth = np.zeros(U.shape)
     depth[60, 70:90] = 2 + 0.3 * np.arange(20)  # fits any plane that turns about the row

@@ -1247,6 +1247,8 @@ def depth_across(
     reach = ACROSS + HALF_LENGTH
     if not (reach <= u < width - 1 - reach and reach <= v < height - 1 - reach):
         return 0.0
+    if not gu * gu + gv * gv < 2:  # where there is no gradient it is no number
+        return 0.0
     ahead = sum_patch(depth, u, v, gu, gv, 1, ACROSS, z)
     behind = sum_patch(depth, u, v, gu, gv, -ACROSS, -1, z)
     here = sum_patch(depth, u, v, gu, gv, 0, 0, z)
