@@ -209,10 +209,14 @@ def test_a_frame_whose_depth_is_out_of_step_is_registered_anew_only_if_else_lost
     assert bool(called) == goes_back
 
 
+def seen_at(timestamp: float, depth: NDArray[np.float32]) -> Frame:
+    return Frame(timestamp, np.zeros(depth.shape, np.uint8), depth)
+
+
 def test_a_past_that_is_too_young_to_go_back_to_is_kept() -> None:
     past = background()
     assert not past.reaches(1.0)
-    past.remember(1.0, np.eye(4), np.ones((480, 640), np.float32))
+    past.remember(seen_at(1.0, np.ones((480, 640), np.float32)), np.eye(4))
     assert not past.reaches(1.0)
     assert past.reaches(1.01)
 
@@ -249,7 +253,7 @@ def test_images_are_kept_a_while_and_not_all_of_them() -> None:
     kept = background()
     depth = room(STILL)
     for k in range(60):
-        kept.remember(k / 30, se3.exp(np.array([k, 0, 0, 0, 0, 0.0])), depth)
+        kept.remember(seen_at(k / 30, depth), se3.exp(np.array([k, 0, 0, 0, 0, 0.0])))
     times = [past.timestamp for past in kept._past]
     assert min(np.diff(times)) >= APART_S - 1e-9
     assert 59 / 30 - times[0] <= AGES_S[-1] + 2 * APART_S
@@ -258,7 +262,7 @@ def test_images_are_kept_a_while_and_not_all_of_them() -> None:
     last = kept.last_pose()
     assert last is not None
     assert last[0, 3] < 45
-    kept.remember(0.0, STILL, depth)  # the clock has jumped back
+    kept.remember(seen_at(0.0, depth), STILL)  # the clock has jumped back
     assert [past.timestamp for past in kept._past] == [0.0]
     kept.forget()
     assert kept.last_pose() is None

@@ -55,6 +55,44 @@ def test_a_good_frame_is_kept_as_it_is() -> None:
     assert type(Frame(3, GREY, DEPTH).timestamp) is float
 
 
+def test_images_that_somebody_may_write_to_are_copied_to_be_kept() -> None:
+    grey, depth = GREY.copy(), DEPTH.copy()
+    for make in (Frame, Frame.from_images):
+        frame = make(1.5, grey, depth, depth_delay=-0.012)
+        kept = frame.kept()
+        grey += 1
+        depth += 1
+        np.testing.assert_array_equal(kept.grey, grey - 1)
+        np.testing.assert_array_equal(kept.depth, depth - 1)
+        assert not kept.grey.flags.writeable
+        assert not kept.depth.flags.writeable
+        assert (kept.timestamp, kept.depth_delay) == (1.5, -0.012)
+        assert not frame.is_own
+        assert kept.kept() is kept
+
+
+def test_images_of_its_own_are_not_copied_to_be_kept() -> None:
+    told = [make(0.0, GREY, DEPTH, is_own=True) for make in (Frame, Frame.from_images)]
+    made = Frame.from_images(0.0, COLOUR, MILLIMETRES)
+    for frame in (*told, made):
+        assert frame.kept() is frame
+
+
+@pytest.mark.parametrize(
+    ("colour", "depth"),
+    [
+        (GREY, MILLIMETRES),
+        (COLOUR, DEPTH),
+        (GREY[:, :, None], MILLIMETRES),
+        (COLOUR, DEPTH[:, :, None]),
+    ],
+)
+def test_an_image_that_is_taken_as_it_is_belongs_to_its_maker(
+    colour: NDArray[np.uint8], depth: NDArray[np.float32] | NDArray[np.uint16]
+) -> None:
+    assert not Frame.from_images(0.0, colour, depth).is_own
+
+
 def test_read_only_images_are_taken() -> None:
     grey, depth = GREY.copy(), DEPTH.copy()
     grey.flags.writeable = depth.flags.writeable = False

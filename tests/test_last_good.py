@@ -42,6 +42,23 @@ def test_it_is_a_copy_and_taken_no_more_often_than_it_has_to_be():
     np.testing.assert_array_equal(good.frame.depth, first.depth)
 
 
+def test_a_camera_may_use_its_memory_again():
+    frames, _ = problems.sequence(30)
+    memory = frames[0].grey.copy(), frames[0].depth.copy()
+    often = Config().with_overrides(["keyframes.max_translation_m=0.02"])
+    for config in (often, Config()):
+        apart, again = Odometry(problems.CAMERA, config), Odometry(problems.CAMERA, config)
+        for k, frame in enumerate(frames):
+            memory[0][:], memory[1][:] = frame.grey, frame.depth
+            one, other = apart.track(frame), again.track(Frame(frame.timestamp, *memory))
+            np.testing.assert_array_equal(one.T_world_cam, other.T_world_cam)
+            assert one.status is other.status
+            memory[0][:], memory[1][:] = k, 1.0 + k  # before the next one comes
+            if k == 20:  # what is stored then is made of an image of before
+                for each in (apart, again):
+                    each.skip(frame.timestamp + 1e-3, "broken")
+
+
 def test_the_delay_of_its_depth_goes_with_it():
     kept = LastGood()
     kept.note(0, image(0.0, 10, -0.012), np.eye(4))

@@ -140,7 +140,7 @@ def test_what_has_led_it_away_in_doubt_does_not_hide_where_it_was(walk, monkeypa
     for frame in frames[:30]:
         odometry.track(frame)
     hand = SyntheticSource(make_recipe("texture_near", frames=1, seed=1, camera=camera))
-    seen = odometry._front_end.keep(odometry._front_end.see(hand.read(0).frame, 30))
+    seen = odometry._front_end.see(hand.read(0).frame, 30).kept()
     course = odometry._course
     course.T_world_last = course.T_world_last @ se3.exp(np.array([1.5, 0, 0, 0, 0, 0]))
     astray = odometry._upkeep.make(seen, 30, None)

@@ -263,7 +263,7 @@ def test_samples_drawn_anew_are_moved_for_their_rows(plain, monkeypatch):
         return replace(edges, pixels=edges.pixels + moved)
 
     monkeypatch.setattr(odometry._instants.rolling, "unrolled", unrolled)
-    key = odometry._upkeep.make(odometry._front_end.keep(seen), 1, np.full(6, 0.1))
+    key = odometry._upkeep.make(seen.kept(), 1, np.full(6, 0.1))
     there = np.round(key.samples.pixels - moved, 2).tolist()
     known = positions(key.telling.edges)  # not moved: no readout is known
     assert np.mean([tuple(pixel) in known for pixel in there]) > 0.9

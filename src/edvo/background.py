@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from edvo import kernels, se3
 from edvo.camera import Camera
 from edvo.edges import EdgePixels
+from edvo.frame import Frame
 from edvo.keyframes import Keyframe
 from edvo.matching import Criterion
 from edvo.planes import PlaneFitter, PlaneMap, camera_of
@@ -127,31 +128,23 @@ class Background:
         while self._past and self._past[-1].timestamp >= since:
             self._past.pop()
 
-    def remember(
-        self, timestamp: float, T_world_cam: NDArray[np.float64], depth: NDArray[np.float32]
-    ) -> None:
+    def remember(self, frame: Frame, T_world_cam: NDArray[np.float64]) -> None:
         """Take a depth image to hold later ones against; not all of them are kept.
 
         Parameters
         ----------
-        timestamp : float
-            Seconds.
+        frame : Frame
         T_world_cam : ndarray of float64, shape (4, 4)
-            Where it was taken.
-        depth : ndarray of float32, shape (H, W)
-            Metres; it is copied.
+            Where its depth was taken.
         """
+        timestamp = frame.timestamp
         if self._past and timestamp < self._past[-1].timestamp - OLDEST_S:
             self._past.clear()  # the clock has started over
         if self._past and timestamp - self._past[-1].timestamp < APART_S:
             return
-        kept = np.empty(0, np.float32)
         while self._past and timestamp - self._past[0].timestamp > OLDEST_S:
-            kept = self._past.popleft().depth
-        if kept.shape != depth.shape:  # new memory costs more than the copy
-            kept = np.empty_like(depth)
-        kept[:] = depth
-        self._past.append(_Past(timestamp, T_world_cam, kept))
+            self._past.popleft()
+        self._past.append(_Past(timestamp, T_world_cam, frame.kept().depth))
 
     def reaches(self, timestamp: float) -> bool:
         """Whether an image is kept from before a time.

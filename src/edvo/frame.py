@@ -43,6 +43,9 @@ class Frame:
     depth_delay : float
         Seconds from the instant of the grey image to that of the depth image, as far as their
         stamps tell; negative where depth is the older one. 0 where they are taken at once.
+    is_own : bool
+        Whether nobody writes to the memory of the images any more; else they are copied before
+        they are kept longer than till the next frame.
 
     Raises
     ------
@@ -56,6 +59,7 @@ class Frame:
     grey: NDArray[np.uint8]
     depth: NDArray[np.float32]
     depth_delay: float = 0.0
+    is_own: bool = False
 
     def __post_init__(self) -> None:
         for name in ("timestamp", "depth_delay"):
@@ -95,6 +99,7 @@ class Frame:
         depth_scale: float = 1000.0,
         order: Literal["bgr", "rgb"] = "bgr",
         depth_delay: float = 0.0,
+        is_own: bool = False,
     ) -> "Frame":
         """Build a frame from the images that cameras and files deliver.
 
@@ -113,6 +118,9 @@ class Frame:
             Order of the colour channels; OpenCV delivers BGR.
         depth_delay : float
             Seconds from the instant of ``colour`` to that of ``depth``.
+        is_own : bool
+            Whether the memory of the images given is not written to any more. Where none of it is
+            taken, as of BGR and uint16 images, that does not matter.
 
         Returns
         -------
@@ -136,29 +144,26 @@ class Frame:
         """
         _check_same_size("colour", _array("colour", colour), _array("depth", depth))
         grey, metres = _to_grey(colour, order), _to_metres(depth, depth_scale)
-        return cls(timestamp, grey, metres, depth_delay)
+        taken = np.may_share_memory(grey, colour) or np.may_share_memory(metres, depth)
+        return cls(timestamp, grey, metres, depth_delay, is_own or not taken)
 
+    def kept(self) -> "Frame":
+        """Give the frame with images that nobody writes to.
 
-def with_depth(frame: Frame, depth: NDArray[np.float32]) -> Frame:
-    """Copy the depth image of a frame to other memory, which is not looked through again.
-
-    Parameters
-    ----------
-    frame : Frame
-        Its grey image is shared.
-    depth : ndarray of float32, shape (H, W)
-        Written to.
-
-    Returns
-    -------
-    Frame
-    """
-    np.copyto(depth, frame.depth)
-    other = copy.copy(frame)
-    view = depth.view()
-    view.setflags(write=False)  # as all frames have it
-    object.__setattr__(other, "depth", view)
-    return other
+        Returns
+        -------
+        Frame
+            The same one if its images are such; else with copies of them.
+        """
+        if self.is_own:
+            return self
+        other = copy.copy(self)  # not looked through again
+        for name in ("grey", "depth"):
+            image = getattr(self, name).copy()
+            image.setflags(write=False)  # as all frames have it
+            object.__setattr__(other, name, image)
+        object.__setattr__(other, "is_own", True)
+        return other
 
 
 def register_depth(

@@ -13,7 +13,7 @@ from edvo.clock import Clock
 from edvo.config import Config
 from edvo.detail import Detail, usual_detail
 from edvo.edges import EdgeBuffers, EdgeImage, EdgePixels, edges_to_keep, extract_edges
-from edvo.frame import Frame, with_depth
+from edvo.frame import Frame
 from edvo.keyframes import Keyframe
 from edvo.look import Look
 from edvo.planes import PlaneFitter, thinned
@@ -52,8 +52,6 @@ class FrontEnd:
         self._camera, self._config, self._clock = camera, config, clock
         self._registration, self._fitter = registration, fitter
         self._buffers = EdgeBuffers(camera.height, camera.width)
-        # to keep depth images in: new memory costs more than the copy
-        self._depth, self._aside = np.empty((2, camera.height, camera.width), np.float32)
 
     def see(
         self,
@@ -91,22 +89,6 @@ class FrontEnd:
             seed = config.seed * SEED_STRIDE + index
             samples = self._drawn(edges, frame, T_cam_depth, count, seed)
         return Seen(frame, edges, samples, points, T_cam_depth, fine, near)
-
-    def keep(self, seen: Seen, *, aside: bool = False) -> Seen:
-        """Copy the depth of what was seen, since its owner may write the next one to its memory.
-
-        Parameters
-        ----------
-        seen : Seen
-        aside : bool
-            Whether it is kept beside that of a keyframe, and not in its place.
-
-        Returns
-        -------
-        Seen
-            Its depth lasts until the next one is kept there.
-        """
-        return replace(seen, frame=with_depth(seen.frame, self._aside if aside else self._depth))
 
     def to_keep(self, seen: Seen) -> tuple[Seen, int]:
         """Find the edges that a keyframe is to have: those that tell places, and fainter ones.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from edvo.frame import Frame
 
-APART_S = 0.1  # an image is copied no more often than that
+APART_S = 0.1  # an image is taken no more often than that
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,17 +33,14 @@ class Good:
 
 
 class LastGood:
-    """Keeps a copy of one of the last good images."""
+    """Keeps one of the last good images."""
 
     def __init__(self) -> None:
-        self._grey = np.empty((0, 0), np.uint8)
-        self._depth = np.empty((0, 0), np.float32)
-        self.forget()
+        self._good: Good | None = None
 
     def forget(self) -> None:
         """Keep none."""
-        self._index, self._timestamp, self._depth_delay = -1, 0.0, 0.0
-        self._T_world_cam = np.eye(4)
+        self._good = None
 
     def note(self, index: int, frame: Frame, T_world_cam: NDArray[np.float64]) -> None:
         """Take a good image in place of the last one, if that is old enough.
@@ -53,18 +50,13 @@ class LastGood:
         index : int
             Of the frame in the sequence.
         frame : Frame
-            It is copied.
         T_world_cam : ndarray of float64, shape (4, 4)
             Where it was taken.
         """
-        if self._index >= 0 and 0 <= frame.timestamp - self._timestamp < APART_S:
+        last = self._good
+        if last is not None and 0 <= frame.timestamp - last.frame.timestamp < APART_S:
             return
-        if self._grey.shape != frame.grey.shape:  # new memory costs more than the copy
-            self._grey, self._depth = np.empty_like(frame.grey), np.empty_like(frame.depth)
-        np.copyto(self._grey, frame.grey)
-        np.copyto(self._depth, frame.depth)
-        self._index, self._timestamp, self._depth_delay = index, frame.timestamp, frame.depth_delay
-        self._T_world_cam = T_world_cam
+        self._good = Good(index, frame.kept(), T_world_cam)
 
     def take(self) -> Good | None:
         """Give the last one away.
@@ -74,10 +66,5 @@ class LastGood:
         Good or None
             None where there is none.
         """
-        if self._index < 0:
-            return None
-        images = self._grey.copy(), self._depth.copy()
-        frame = Frame(self._timestamp, *images, self._depth_delay)
-        good = Good(self._index, frame, self._T_world_cam)
-        self.forget()
+        good, self._good = self._good, None
         return good

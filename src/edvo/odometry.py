@@ -315,7 +315,7 @@ class Odometry:
 
     def _begin(self, seen: Seen) -> TrackedFrame:
         """Take the first usable frame as the first keyframe."""
-        self._upkeep.make(self._front_end.keep(seen), self._record.count, None)
+        self._upkeep.make(seen.kept(), self._record.count, None)
         self._course.last_time = timestamp = seen.frame.timestamp
         self._standing.remember(seen)
         self._doubt.begin(seen)

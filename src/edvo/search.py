@@ -53,6 +53,15 @@ class Seen:
     is_fine: bool = False  # whether its points lie closely
     is_near: bool = False  # whether all edges of the keyframe may count
 
+    def kept(self) -> "Seen":
+        """The same with images that nobody writes to: the next frame's may come to their memory.
+
+        Returns
+        -------
+        Seen
+        """
+        return replace(self, frame=self.frame.kept())
+
     def T_world_depth(self, T_world_cam: NDArray[np.float64]) -> NDArray[np.float64]:
         """Where the camera was as the depth was taken that belongs to an image taken there.
 

@@ -44,7 +44,7 @@ class Standing:
         """
         if self._leaves_out:
             T_world_depth = seen.T_world_depth(self._course.T_world_last)
-            self._background.remember(seen.frame.timestamp, T_world_depth, seen.frame.depth)
+            self._background.remember(seen.frame, T_world_depth)
 
     def is_moving(self, timestamp: float) -> bool:
         """Whether something moved by itself of late, and is to be left out.

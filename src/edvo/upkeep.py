@@ -125,14 +125,13 @@ class Upkeep:
         gathers = gathers and may_gather(rule, key, T_key_cur, share)
         together = rule.window > 2 and is_whole and velocity is not None and is_tracked
         if gathers:
-            kept, due = self._front_end.keep(seen, aside=True), False
-            self._due = _Due(kept, index, velocity, T_key_cur=T_key_cur.copy())
+            due = False
+            self._due = _Due(seen.kept(), index, velocity, T_key_cur=T_key_cur.copy())
         elif due:
             placed_by = covariance if together else None
             if placed_by is not None:
                 T_key_cur = self._place(seen, T_key_cur, placed_by)
-            kept = self._front_end.keep(seen)
-            self._due = _Due(kept, index, velocity, placed_by is not None)
+            self._due = _Due(seen.kept(), index, velocity, placed_by is not None)
         elif velocity is not None:
             self._renew(velocity)
         return T_key_cur, due
@@ -143,7 +142,7 @@ class Upkeep:
         Parameters
         ----------
         seen : Seen
-            The frame that was seen last, its depth kept.
+            The frame that was seen last, kept.
         index : int
             Its number.
         velocity : ndarray of float64, shape (6,), or None

@@ -224,7 +224,7 @@ def make_frame(
     timestamp : float
         Seconds.
     colour : (path or str, ndarray)
-        What errors call the colour image, and its BGR(A) or grey values.
+        What errors call the colour image, and its BGR(A) or grey values, not written to any more.
     depth : (path or str, ndarray)
         The same of the depth image: 16-bit values of the camera's ``depth_scale``, or metres.
     camera : Camera
@@ -264,6 +264,7 @@ def make_frame(
             depth_scale=camera.depth_scale,
             order="bgr",
             depth_delay=depth_delay,
+            is_own=True,
         )
     except NoDepthError as error:
         raise NoDepthError(f"{depth_name} has no valid depth value") from error
