@@ -96,6 +96,8 @@ def compiled_with(**options: Any) -> Callable[[Function], Function]:
 
 
 compiled = compiled_with()
+# An index that is not negative: of others it is asked each time whether they count from the end.
+place = np.uint64
 # Without counting references to the arrays that it is given, which costs a kernel called for each
 # sample some twenty nanoseconds. It may neither make nor return an array, and calls only its like.
 COUNTS_NOTHING = {"_nrt": False} if hasattr(numba.core.options.DefaultOptions, "_nrt") else {}
@@ -1009,7 +1011,7 @@ def match_planes(
     """
     count = 0
     inverse = 1 / planes.step
-    for i in range(0, points.sigma.size, stride):
+    for i in range(place(0), place(points.sigma.size), place(stride)):
         x, y, z = points.X[i, 0], points.X[i, 1], points.X[i, 2]
         px = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
         py = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
@@ -1020,7 +1022,7 @@ def match_planes(
         row = int(np.floor((camera.fy * py / pz + camera.cy) * inverse + 0.5))
         if not (0 <= col < planes.cols and 0 <= row < planes.rows):
             continue
-        k = row * planes.cols + col
+        k = place(row * planes.cols + col)
         if planes.offsets[k] == 0:
             continue
         nx, ny, nz = planes.normals[k, 0], planes.normals[k, 1], planes.normals[k, 2]
@@ -1035,12 +1037,13 @@ def match_planes(
         r = (along - planes.offsets[k]) * scale
         if abs(r) > term.limit:
             continue
-        matches.Y[count, 0], matches.Y[count, 1], matches.Y[count, 2] = px, py, pz
-        matches.normal[count, 0] = nx * scale
-        matches.normal[count, 1] = ny * scale
-        matches.normal[count, 2] = nz * scale
-        matches.residuals[count] = r
-        matches.point[count] = i
+        to = place(count)
+        matches.Y[to, 0], matches.Y[to, 1], matches.Y[to, 2] = px, py, pz
+        matches.normal[to, 0] = nx * scale
+        matches.normal[to, 1] = ny * scale
+        matches.normal[to, 2] = nz * scale
+        matches.residuals[to] = r
+        matches.point[to] = i
         count += 1
     return count
 
@@ -1199,7 +1202,7 @@ def sum_patch(
         here, y1, y2 = 0, 0.0, HALF_SQUARES
         w1 = 0.0
         for j in range(-HALF_LENGTH, HALF_LENGTH + 1):
-            there = depth[int(cv + j * gu), int(cu - j * gv)]
+            there = depth[place(int(cv + j * gu)), place(int(cu - j * gv))]
             if there > 0:
                 w = there - z
                 here += 1
@@ -1498,7 +1501,8 @@ def scan_window(
     points = grid.points
     for row in range(first_row, last_row + 1):
         base = row * grid.cols
-        for i in range(grid.start[base + first_col], grid.start[base + last_col + 1]):
+        begin, end = grid.start[base + first_col], grid.start[base + last_col + 1]
+        for i in range(place(begin), place(end)):
             du, dv = points[i, 0] - uf, points[i, 1] - vf
             distance = du * du + dv * dv
             dot = points[i, 2] * guf + points[i, 3] * gvf
@@ -1507,7 +1511,7 @@ def scan_window(
             if cost < bar and distance <= square and dot >= min_dot:
                 if cost < first:
                     other = min(first, other)
-                    best_i, first = i, cost
+                    best_i, first = np.int64(i), cost
                 else:
                     other = cost
                 bar = max(first, other)
@@ -2182,7 +2186,7 @@ def warp_and_match(
     Residuals of the matched samples are packed to the front; returns their number.
     """
     count = 0
-    for i in range(0, points.shape[0], stride):
+    for i in range(place(0), place(points.shape[0]), place(stride)):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         px = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
         py = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
@@ -2217,9 +2221,10 @@ def warp_and_match(
             if k < 0:
                 continue
         matches.edge[i] = k
-        du, dv = u - grid.points[k, 0], v - grid.points[k, 1]  # Eq. (10)
+        to = place(k)
+        du, dv = u - grid.points[to, 0], v - grid.points[to, 1]  # Eq. (10)
         if residual == SIGNED:
-            nu, nv = np.float64(grid.points[k, 2]), np.float64(grid.points[k, 3])  # Eq. (11)
+            nu, nv = np.float64(grid.points[to, 2]), np.float64(grid.points[to, 3])  # Eq. (11)
             r = du * nu + dv * nv  # Eq. (12)
         else:
             r = np.sqrt(du * du + dv * dv)  # Eq. (5)
