@@ -290,7 +290,7 @@ def count_strengths(dx: I16, dy: I16, step: int, counts: I32) -> None:
     for v in range(step // 2, dx.shape[0], step):
         for u in range(step // 2, dx.shape[1], step):
             strength = np.abs(np.int64(dx[v, u])) + np.abs(np.int64(dy[v, u]))
-            counts[min(strength, most)] += 1
+            counts[place(min(strength, most))] += 1
 
 
 @lean_float
@@ -412,8 +412,8 @@ def list_weak(marks: U8, words: NDArray[np.uint64], weak: I32) -> int:
     for word in range(words.size):
         eight = words[word]
         if eight & ~(eight >> np.uint64(1)) & ALL_WEAK:  # a strong one has its second bit set, too
-            for i in range(word * 8, word * 8 + 8):
-                weak[count] = i
+            for i in range(place(word * 8), place(word * 8 + 8)):
+                weak[place(count)] = i
                 count += int(marks[i] == WEAK)
     for i in range(words.size * 8, marks.size):
         weak[count] = i
@@ -426,9 +426,9 @@ def is_beside_strong(marks: U8, i: np.int64, per_width: float, height: int, widt
     """Whether one of the eight neighbours of a pixel is marked as strong."""
     v, u = row_and_column(i, per_width, width)
     if 0 < u < width - 1 and 0 < v < height - 1:  # as most are: all at once, without a branch
-        marked = marks[i - 1] | marks[i + 1]
+        marked = marks[place(i - 1)] | marks[place(i + 1)]
         for j in (i - width, i + width):
-            marked |= marks[j - 1] | marks[j] | marks[j + 1]
+            marked |= marks[place(j - 1)] | marks[place(j)] | marks[place(j + 1)]
         return bool(marked > WEAK)
     for row in range(max(v - 1, 0), min(v + 2, height)):
         for col in range(max(u - 1, 0), min(u + 2, width)):
@@ -445,10 +445,10 @@ def strengthen_beside(
     v, u = row_and_column(i, per_width, width)
     for row in range(max(v - 1, 0), min(v + 2, height)):
         for col in range(max(u - 1, 0), min(u + 2, width)):
-            k = row * width + col
+            k = place(row * width + col)
             if marks[k] == WEAK:
                 marks[k] = STRONG
-                stack[top] = k
+                stack[place(top)] = k
                 top += 1
     return top
 
@@ -477,15 +477,16 @@ def canny_edges(du: I16, dv: I16, low: np.int32, high: np.int32, marks: U8, room
     per_width = 1 / width
     for k in range(count):
         i = np.int64(room[k])
-        if flat[i] == WEAK and is_beside_strong(flat, i, per_width, height, width):
+        if flat[place(i)] == WEAK and is_beside_strong(flat, i, per_width, height, width):
             top = strengthen_beside(flat, i, per_width, height, width, room, np.int64(count))
             while top > count:
                 top -= 1
                 i = np.int64(room[top])
                 top = strengthen_beside(flat, i, per_width, height, width, room, top)
     for k in range(count):
-        if flat[room[k]] == WEAK:
-            flat[room[k]] = 0
+        left = place(room[k])
+        if flat[left] == WEAK:
+            flat[left] = 0
 
 
 @compiled
@@ -543,8 +544,8 @@ def collect_edges(mask: U8, index: I32) -> int:
     count = 0
     for word in range(n_words):
         if words[word] != 0:  # most of an image is no edge: eight pixels at a time
-            for i in range(word * 8, word * 8 + 8):
-                index[count] = i  # to be overwritten, unless it counts: a branch costs more
+            for i in range(place(word * 8), place(word * 8 + 8)):
+                index[place(count)] = i  # overwritten, unless it counts: a branch costs more
                 count += int(flat[i] != 0)
     for i in range(n_words * 8, flat.size):
         index[count] = i
@@ -612,14 +613,17 @@ def gather_gradients(index: I32, dx: I16, dy: I16, before: F32, middle: F32, aft
         v, u = row_and_column(here, per_width, width)
         before[k], middle[k], after[k] = 0.0, 0.0, 0.0
         if 0 < u < width - 1 and 0 < v < height - 1:
-            gu, gv = np.int64(across[here]), np.int64(down[here])
+            gu, gv = np.int64(across[place(here)]), np.int64(down[place(here)])
             level = abs(gu) >= abs(gv)
             along, beside = (1, width) if level else (width, 1)
             a, b, c = 0, 0, 0
             for j in (here - beside, here, here + beside):
-                a += across[j - along] * gu + down[j - along] * gv
-                b += across[j] * gu + down[j] * gv
-                c += across[j + along] * gu + down[j + along] * gv
+                i = place(j - along)
+                a += across[i] * gu + down[i] * gv
+                i = place(j)
+                b += across[i] * gu + down[i] * gv
+                i = place(j + along)
+                c += across[i] * gu + down[i] * gv
             before[k], middle[k], after[k] = a, b, c  # of whole grey levels exact, else to 6e-8
 
 
@@ -1342,7 +1346,7 @@ def fit_edge_depths(
 def draw_samples(
     index: I32,
     depth: F32,
-    cell: int,
+    cell_px: int,
     per_cell: int,
     count: int,
     radius: int,
@@ -1359,28 +1363,30 @@ def draw_samples(
     Writes positions in ``index`` in ascending order, and depths; returns how many.
     """
     height, width = depth.shape
-    cols, rows = (width + cell - 1) // cell, (height + cell - 1) // cell
+    cols, rows = (width + cell_px - 1) // cell_px, (height + cell_px - 1) // cell_px
     per_width = 1 / width
     n = index.size
     start = np.zeros(rows * cols + 1, np.int32)
     cell_of = np.empty(n, np.int32)
     col_of = np.empty(width, np.int32)
     for u in range(width):
-        col_of[u] = u // cell
+        col_of[u] = u // cell_px
     v, row = 0, 0
     for i in range(n):
         while index[i] >= (v + 1) * width:  # the edges come in row order
             v += 1
-            row = (v // cell) * cols
-        cell_of[i] = row + col_of[index[i] - v * width]
-        start[cell_of[i] + 1] += 1
+            row = (v // cell_px) * cols
+        cell = place(row + col_of[place(index[i] - v * width)])
+        cell_of[i] = cell
+        start[cell + place(1)] += 1
     for c in range(rows * cols):
         start[c + 1] += start[c]
     pool = np.empty(n, np.int32)
     fill = start[:-1].copy()
     for i in range(n):
-        pool[fill[cell_of[i]]] = i
-        fill[cell_of[i]] += 1
+        cell = place(cell_of[i])
+        pool[place(fill[cell])] = i
+        fill[cell] += 1
     state = np.empty(1, np.uint64)
     state[0] = np.uint64(seed)
     found = np.full(n, np.float32(-1))  # depth of what was drawn; 0 where it has none
@@ -1403,8 +1409,8 @@ def draw_samples(
                 taken += 1
                 left -= 1
     for k in range(n):  # what no cell has drawn moves to the front of the pool
-        if found[pool[k]] < 0:
-            pool[rest] = pool[k]
+        if found[place(pool[k])] < 0:
+            pool[place(rest)] = pool[k]
             rest += 1
     first = np.int64(0)  # a plain 0 would have its own compiled variant
     while first < rest and left > 0:
@@ -1419,8 +1425,8 @@ def draw_samples(
     filled = 0
     for i in range(n):
         if found[i] > 0:
-            samples[filled] = i
-            depths[filled] = found[i]
+            samples[place(filled)] = i
+            depths[place(filled)] = found[i]
             filled += 1
     return filled
 
@@ -1484,7 +1490,7 @@ def scan_window(
 
     The second best is at most reach^2, so that it bounds the edges outside the window too.
     """
-    best_i, best, second = NO_MATCH, np.inf, reach * reach
+    best_i, best, second = np.int64(NO_MATCH), np.inf, reach * reach
     wide = reach + SLACK
     # towards 0 instead of down: a window that ends before the first cell may look into it, in vain
     last_row = min(int((v + wide - grid.top) * grid.inverse), grid.rows - 1)
@@ -1492,7 +1498,7 @@ def scan_window(
     first_row = max(int((v - wide - grid.top) * grid.inverse), 0)
     first_col = max(int((u - wide - grid.left) * grid.inverse), 0)
     if last_col < first_col:
-        return best_i, best, second
+        return int(best_i), best, second
     f32 = np.float32
     uf, vf, guf, gvf = f32(u), f32(v), f32(gu), f32(gv)
     square, bar = f32(reach * reach), f32(np.inf)
@@ -1515,7 +1521,7 @@ def scan_window(
                 else:
                     other = cost
                 bar = max(first, other)
-    return best_i, float(first), float(other)
+    return int(best_i), float(first), float(other)
 
 
 @lean
@@ -2982,9 +2988,9 @@ def score_parts(
     cosine, sine = T[0, 0] / roll, T[1, 0] / roll
     inverse = 1 / (sigma * sigma)
     for i in range(index.size):
-        k = index[i]
-        if k < 0:
+        if index[i] < 0:
             continue
+        k = place(index[i])
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         qx = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z
         qy = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z
@@ -3015,7 +3021,7 @@ def score_parts(
         write_row(bu, bv, bw, px, py, pz, D)
         by_depth = noise[i] / z * (au * qx + av * qy + aw * qz)  # px
         col = min(max(int(u / cell), 0), cols - 1)
-        c = min(max(int(v / cell), 0) * cols + col, count - 1)
+        c = place(min(max(int(v / cell), 0) * cols + col, count - 1))
         for m in range(6):
             wj = w * J[m]
             seen[c, m] += wj * r
@@ -3037,7 +3043,7 @@ def score_parts(
             w = scale * robust_weight(r * r * inverse, TUKEY, TUKEY_TUNING)
             if w == 0:
                 continue
-            k = matches.point[i]
+            k = place(matches.point[i])
             x, y, z = surface.normals[k, 0], surface.normals[k, 1], surface.normals[k, 2]
             size = np.sqrt(au * au + av * av + aw * aw)
             bu = au - size * (T[0, 0] * x + T[0, 1] * y + T[0, 2] * z)
@@ -3046,7 +3052,7 @@ def score_parts(
             write_row(bu, bv, bw, px, py, pz, D)
             col = min(max(int((camera.fx * px / pz + camera.cx) / cell), 0), cols - 1)
             row = max(int((camera.fy * py / pz + camera.cy) / cell), 0)
-            c = min(row * cols + col, count - 1)
+            c = place(min(row * cols + col, count - 1))
             for m in range(6):
                 wj = w * J[m]
                 flat[c, m] += wj * r
