@@ -221,6 +221,13 @@ def test_a_past_that_is_too_young_to_go_back_to_is_kept() -> None:
     assert past.reaches(1.01)
 
 
+def test_depth_is_kept_though_its_memory_is_used_again() -> None:
+    past, depth = background(), np.ones((480, 640), np.float32)
+    past.remember(seen_at(1.0, depth), np.eye(4))
+    depth[:] = 9.0
+    assert (past._past[0].depth == 1.0).all()
+
+
 def test_a_clock_that_starts_over_ends_the_doubt(small_hall: SyntheticSource) -> None:
     odometry = Odometry(small_hall.camera)
     for reading in read_ahead(small_hall, range(240, 248)):

@@ -56,14 +56,14 @@ def test_what_follows_and_what_is_far(course, losses, after, follows, is_far):
 
 
 def test_what_has_drifted_is_held_against_where_it_was_last_known(course):
-    known = np.eye(4)
+    known = se3.exp([0.2, -0.1, 0.4, 0.3, 0.0, -0.2])
     course.anchor = 9.0, known
     T, seconds = course.moved(course.T_key_last, 10.1)  # edges gave the last pose
     np.testing.assert_allclose(T, np.eye(4), atol=1e-12)
     assert seconds == pytest.approx(0.1)
     course.is_blind = True
     T, seconds = course.moved(course.T_key_last, 10.1)
-    np.testing.assert_allclose(T, course.T_world_last, atol=1e-12)
+    np.testing.assert_allclose(known @ T, course.T_world_last, atol=1e-12)
     assert seconds == course.unseen(10.1) == pytest.approx(1.1)
 
 
@@ -73,6 +73,8 @@ def test_a_clock_that_jumps_back_begins_to_count_anew(course):
     assert course.unseen(10.1) == pytest.approx(1.1)
     assert course.rewind(2.0)
     assert course.unseen(2.1) == pytest.approx(0.1)
+    course.last_time = 2.9  # depth alone has followed it till then, and it drifts as before
+    assert course.unseen(3.0) == pytest.approx(1.0)
 
 
 def test_it_begins_where_it_is_told_to():

@@ -83,6 +83,34 @@ def test_of_a_wall_distance_and_tilt_are_known_and_the_rest_is_said_not_to_be(po
     assert np.degrees(tilt) < 0.1
 
 
+def test_a_far_and_narrow_patch_of_depth_says_nothing(poster, monkeypatch):
+    monkeypatch.setitem(globals(), "WALL_M", 14.0)
+    odometry = from_wall(poster, "planes.min_points=6")
+    frame = wall(np.eye(4), 3 * PERIOD, seed=3)
+    depth = np.zeros_like(frame.depth)
+    depth[80:160, 120:200] = frame.depth[80:160, 120:200]
+    result = odometry.track(Frame(frame.timestamp, frame.grey, depth))
+    assert result.status is Status.LOST
+    assert result.reason == "0 edges with depth; 30 needed; depth constrains nothing"
+
+
+def test_found_again_after_a_drift_its_velocity_is_not_known(poster, monkeypatch):
+    odometry, told = from_wall(poster), []
+    attend = odometry._upkeep.attend
+
+    def noting(seen, index, share, covariance, period, velocity, **rest):
+        told.append(velocity)
+        return attend(seen, index, share, covariance, period, velocity, **rest)
+
+    monkeypatch.setattr(odometry._upkeep, "attend", noting)
+    for k in range(3, 18):
+        assert odometry.track(wall(aside(k - 2), k * PERIOD, seed=k)).degenerate == IN_PLANE
+    for k in range(18, 20):
+        assert odometry.track(wall(aside(16), k * PERIOD, poster, k)).status is Status.DEGRADED
+    assert told[0] is None
+    assert np.abs(told[1]).max() > 0
+
+
 @pytest.mark.parametrize("seed", range(2))
 def test_the_corner_of_a_room_says_all_in_darkness(seed):
     frames, truth = problems.sequence(30)

@@ -102,10 +102,51 @@ def test_without_a_gradient_there_are_no_sides():
         assert kernels.depth_across(depth, 80.0, 60.0, gu, gv, SIGMA, 2.0) == 0
 
 
+def test_at_the_border_where_its_pixels_would_leave_the_image_there_is_none():
+    flat, reach = np.full(U.shape, 2.0), kernels.ACROSS + kernels.HALF_LENGTH
+    for first, last, at in (
+        (reach, 159 - reach, lambda u: across(flat, u, 60)),
+        (reach, 119 - reach, lambda v: across(flat, 80, v)),
+    ):
+        assert at(first) == at(np.nextafter(last, 0)) == 2
+        assert at(np.nextafter(first, 0)) == at(last) == 0
+
+
 def test_few_pixels_in_line_are_no_plane():
     depth = np.zeros(U.shape)
     depth[60, 70:90] = 2 + 0.3 * np.arange(20)  # fits any plane that turns about the row
     assert across(depth, 80.0, 60.0) == 0
+
+
+def test_one_side_counts_alone_only_where_the_other_has_few_pixels():
+    rng = np.random.default_rng(4)
+    depth = np.where(U > 80, 2.0, rng.uniform(2.3, 4, U.shape))
+    assert across(depth, 80.0, 60.0) == 0
+    depth[:, :81] = 0
+    assert across(depth, 80.0, 60.0) == pytest.approx(2, abs=1e-6)
+    depth[59:62, 78], depth[59, 77], depth[61, 77] = 1.0, 1.4, 1.0  # five: not seen
+    assert across(depth, 80.0, 60.0) == pytest.approx(2, abs=1e-6)
+    assert across(depth[:, ::-1], 79.0, 60.0) == pytest.approx(2, abs=1e-6)
+    depth[60, 77] = 1.8  # six: seen, and not plane
+    assert across(depth, 80.0, 60.0) == 0
+    depth[:, :80] = 1.5
+    depth[59, 77] = 0  # eight
+    assert across(depth, 80.0, 60.0) == pytest.approx(1.5, abs=1e-6)
+
+
+def test_what_noise_allows_is_as_said():
+    """In units of the noise, by hand: the constants are not those that the twin takes, too."""
+    for slope, one in ((1.12, True), (1.3, False)):  # a bend, by three standard deviations
+        found = across(2 + slope * SIGMA * abs(U - 80), 80, 60)
+        assert found == pytest.approx(2 + one * slope * SIGMA * 12 / 7, abs=1e-6)
+    for step, apart in ((5.5, False), (7.0, True)):  # by five
+        found = across(2 + step * SIGMA * (U > 80), 80, 60)
+        assert found == pytest.approx(2, abs=1e-6) if apart else found > 2.02
+    chequered = np.where((U + V) % 2 == 0, 1, -1)
+    for rough, plane in ((1.4, True), (1.7, True), (2.2, False)):  # rms of a side
+        assert (across(2 + rough * SIGMA * chequered, 80, 60) > 0) == plane
+    for slope, plane in ((0.035, True), (0.045, False)):  # 2 % of the depth
+        assert (across(2 + slope * (U - 80), 80, 60) > 0) == plane
 
 
 def blocks(seed):

@@ -69,6 +69,7 @@ def test_images_that_somebody_may_write_to_are_copied_to_be_kept() -> None:
         assert (kept.timestamp, kept.depth_delay) == (1.5, -0.012)
         assert not frame.is_own
         assert kept.kept() is kept
+        assert frame.kept() is kept  # copied once, whoever asks
 
 
 def test_images_of_its_own_are_not_copied_to_be_kept() -> None:

@@ -182,6 +182,22 @@ def test_results_do_not_change_afterwards(room):
         np.testing.assert_array_equal(result.T_key_cur, T_key)
 
 
+@pytest.mark.parametrize("name", ["T_world_cam", "T_key_cur", "alignment"])
+def test_poses_that_were_given_may_be_written_to(room, name):
+    frames, _ = room
+    rules = ("keyframes.rule=gap", "keyframes.gap_frames=3")
+    wanted = poses_of(track(frames[:9], *rules)[1])
+    odometry = make(*rules)
+    for frame, T_world_cam in zip(frames, wanted, strict=False):
+        result = odometry.track(frame)
+        np.testing.assert_array_equal(result.T_world_cam, T_world_cam)
+        if name != "alignment":
+            getattr(result, name)[:3, 3] *= 1000  # somebody wants millimetres
+        elif result.alignment is not None:
+            result.alignment.T_ref_cur[:3, 3] *= 1000
+    np.testing.assert_array_equal(odometry.trajectory.poses, wanted)
+
+
 def test_frames_are_left_alone(room):
     frames, _ = room
     before = [(f.grey.tobytes(), f.depth.tobytes()) for f in frames[:4]]

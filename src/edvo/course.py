@@ -44,7 +44,8 @@ class Course:
     cruise : ndarray of float64, shape (6,)
         The same of the last half second, where it was tracked.
     last_time : float or None
-        Of the last frame that was not lost, seconds.
+        Of the last frame that was not lost, seconds; one that repeats the image before it does not
+        count.
     losses : int
         Frames lost in a row.
     is_blind : bool
@@ -179,7 +180,7 @@ class Course:
             that it took.
         """
         self.velocity = se3.log(T_last_cur) / seconds
-        self.T_key_last = T_key_cur
+        self.T_key_last = T_key_cur.copy()  # whoever gets the registration may write to it
         self.T_world_last = self.key.T_world_key @ T_key_cur
 
     def note_tracked(self, seconds: float) -> None:

@@ -1,13 +1,15 @@
 """What a camera delivers at one instant, checked at the door, and depth registered to colour.
 
 Arrays are kept as they are given, not copied: do not write into them while the frame is in use.
-`Odometry.track` copies what it needs beyond its return.
+`Odometry.track` copies what it needs beyond its return, but of frames that are their own
+(``Frame.is_own``): never write into those, nor put other images into them by
+``dataclasses.replace`` without saying whose they are.
 """
 
 import copy
 import functools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import cv2
@@ -60,6 +62,7 @@ class Frame:
     depth: NDArray[np.float32]
     depth_delay: float = 0.0
     is_own: bool = False
+    _copy: "Frame | None" = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
         for name in ("timestamp", "depth_delay"):
@@ -153,16 +156,19 @@ class Frame:
         Returns
         -------
         Frame
-            The same one if its images are such; else with copies of them.
+            The same one if its images are such; else with copies of them, made once.
         """
         if self.is_own:
             return self
+        if self._copy is not None:
+            return self._copy
         other = copy.copy(self)  # not looked through again
         for name in ("grey", "depth"):
             image = getattr(self, name).copy()
             image.setflags(write=False)  # as all frames have it
             object.__setattr__(other, name, image)
         object.__setattr__(other, "is_own", True)
+        object.__setattr__(self, "_copy", other)
         return other
 
 

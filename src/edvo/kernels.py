@@ -59,11 +59,8 @@ BATCH = 1024  # edges whose gradients are at hand together: they stay in the nea
 # The patch that tells the depth of an edge: so many pixels to either side, and half as long;
 ACROSS, HALF_LENGTH = 3, 1
 HALF_SQUARES = float(sum(j * j for j in range(-HALF_LENGTH, HALF_LENGTH + 1)))
-LEAST_PIXELS = 6  # of a side,
-ONE_SURFACE, ONE_SIDE = (
-    1.5,
-    2.0,
-)  # off by less, rms, in units of the noise, it is one surface, a side
+LEAST_PIXELS = 6  # of a side, or it is not seen
+ONE_SURFACE, ONE_SIDE = 1.5, 2.0  # off by less (rms, in units of the noise) both are plane, or one
 BENT, STEPPED = 3.0, 5.0  # so many standard deviations apart it bends there, or ends
 STEEP = 0.02  # of the depth, from pixel to pixel: what is turned away farther is no surface
 ROUNDING = 1 / 12  # px^2, of a pixel that is the nearest to where it should be
@@ -96,7 +93,7 @@ def compiled_with(**options: Any) -> Callable[[Function], Function]:
 
 
 compiled = compiled_with()
-# An index that is not negative: of others it is asked each time whether they count from the end.
+# An index that is not negative: numba asks a signed one each time whether it counts from the end.
 place = np.uint64
 # Without counting references to the arrays that it is given, which costs a kernel called for each
 # sample some twenty nanoseconds. It may neither make nor return an array, and calls only its like.
@@ -1247,8 +1244,10 @@ def depth_across(
 
     One plane through both sides, unless those end at the edge at other depths than it has there:
     where they meet, the surface bends, and their mean counts; else the nearer one owns the edge.
-    ``sigma`` (m) is the noise there, ``z`` (m) any depth nearby. 0 where neither side is plane, or
-    the image ends.
+    One side alone counts where the other has too few pixels with depth. 0 where a side that has
+    enough is not plane, or does not tell the depth at the edge to the noise of one pixel, unless
+    one plane fits both; and where the image ends. (u, v) is a raw pixel, (gu, gv) of unit length,
+    ``sigma`` (m) the noise there, ``z`` (m) any depth nearby.
     """
     height, width = depth.shape
     reach = ACROSS + HALF_LENGTH
@@ -1306,9 +1305,11 @@ def fit_edge_depths(
 ) -> None:
     """Overwrite depths (m) of edges, known roughly, by `depth_across`, else by `depth_at`, else 0.
 
-    ``pixels`` and ``gradients`` are ideal, ``index`` tells their raw pixels. Where the depth image
-    is of another instant (``delayed``), it is looked up where the edge was then, as
-    `delayed_depths` does; where there is none the last one stays.
+    ``pixels`` (N, 2) and ``gradients`` (N, 2), of unit length, are ideal, ``index`` (N,) tells
+    their raw pixels, ``sigma`` (N,) is the noise of ``depths`` (N,), both in m. ``table`` is that
+    of `describe_edges`. Where the depth image is of another instant (``delayed``), it is looked up
+    where the edge was then, to which ``T_depth_cam`` takes its points, as `delayed_depths` does;
+    where there is none the last one stays, which may be that of a stray pixel.
     """
     height, width = depth.shape
     per_width = 1 / width

@@ -207,14 +207,14 @@ class Odometry:
             found = self._recovery.find(seen)
             if found is None:
                 return self._give_up(seen, UNSURE if adrift else NOWHERE, None)
-            return self._accept(seen, *found)
+            return self._accept(seen, *found, is_found=True)
         alignment, status, reason, still = self._standing.register(seen)
         if status is Status.LOST:
             # it may be where it was before
             found = self._recovery.find(seen) if self._pieces.here else None
             if found is None:
                 return self._give_up(seen, reason, alignment)
-            return self._accept(seen, *found)
+            return self._accept(seen, *found, is_found=True)
         if still is None:
             seen = self._locator.settled(seen, alignment)
         registered = alignment, status, reason, still
@@ -330,14 +330,19 @@ class Odometry:
         status: Status,
         reason: str,
         still: Still | None = None,
+        *,
+        is_found: bool = False,
     ) -> TrackedFrame:
-        """Move on to the pose found, and to a new keyframe where one is due."""
+        """Move on to the pose found, and to a new keyframe where one is due.
+
+        Where it is found again it has not moved there: how fast it is, is not known.
+        """
         course, doubt, timestamp = self._course, self._doubt, seen.frame.timestamp
         registered = seen if still is None else still.seen
         key, T_key_cur = course.key, alignment.T_ref_cur
         compared = key.planes, registered.points, self._fitter.term
         T_last_cur, period = course.moved(T_key_cur, timestamp)
-        follows = course.follows(timestamp)
+        follows = course.follows(timestamp) and not is_found
         course.step(T_key_cur, T_last_cur, period)
         course.is_blind = False
         self._recovery.note()

@@ -27,7 +27,9 @@ def sample_edges(
     """Draw N edges with depth: so many from each grid cell, the rest at random from all.
 
     Depth is looked up only for the edges that are drawn (see ``edges.depth_at_edges``); one
-    without depth is passed over and another drawn.
+    without depth is passed over and another drawn. By the rule ``sides`` one that has a depth at
+    its pixel is drawn by that; where nothing around agrees with it, it is left out, and no other
+    drawn for it.
 
     Parameters
     ----------

@@ -43,18 +43,36 @@ ASIDE = np.array([far * side for far in ASIDE_M for side in SIDES])
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """A frame, and what was made of it."""
+    """A frame, and what was made of it.
+
+    Attributes
+    ----------
+    frame : Frame
+    edges : EdgeImage
+        All of its edges.
+    samples : EdgePixels
+        N of them with depth, metres.
+    points : PlanePoints
+        M points of its depth image.
+    T_cam_depth : ndarray of float64, shape (4, 4), or None
+        Maps points of the depth image to the camera at the instant of the grey image; the points
+        were moved by it already. None where both were taken at once.
+    is_fine : bool
+        Whether its points lie closely.
+    is_near : bool
+        Whether all edges of the keyframe may count.
+    """
 
     frame: Frame
     edges: EdgeImage
     samples: EdgePixels
     points: PlanePoints
-    T_cam_depth: NDArray[np.float64] | None = None  # that the points were moved by already
-    is_fine: bool = False  # whether its points lie closely
-    is_near: bool = False  # whether all edges of the keyframe may count
+    T_cam_depth: NDArray[np.float64] | None = None
+    is_fine: bool = False
+    is_near: bool = False
 
     def kept(self) -> "Seen":
-        """The same with images that nobody writes to: the next frame's may come to their memory.
+        """Give the same with images that nobody writes to, as the next frame may to those it has.
 
         Returns
         -------

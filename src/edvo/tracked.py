@@ -47,7 +47,8 @@ class TrackedFrame:
         Edge pixels with depth that were drawn; where something moves, those of them that stand
         still, and far ones whose depth is a guess.
     alignment : Alignment or None
-        The registration; None where there was none.
+        The registration; None where there was none. The tracker still looks at its arrays when the
+        next frame comes: copy what you want to write to.
     covariance : ndarray of float64, shape (6, 6), or None
         Of ``T_key_cur``: of the twist [v, w] (metres, radians) in the keyframe's camera with
         T_true = exp([v, w]) T_key_cur. Not calibrated for frames where something moves. None
@@ -153,8 +154,8 @@ class Record:
             index=self.last_kept,
             status=status,
             reason=reason,
-            T_world_cam=course.T_world_last,
-            T_key_cur=T_key_cur,
+            T_world_cam=course.T_world_last.copy(),  # the caller may write to them
+            T_key_cur=T_key_cur.copy(),
             keyframe=keyframe,
             is_keyframe=is_keyframe,
             edges=len(seen.edges) if seen else 0,

@@ -100,7 +100,7 @@ class Upkeep:
         period : float
             Seconds since the last pose.
         velocity : ndarray of float64, shape (6,), or None
-            Of the camera; None where it is not known, since the last pose is too old.
+            Of the camera; None where it is not known, since the last pose is too old, or a guess.
         is_whole : bool
             Whether all of it was registered, and not only what stands still.
         is_tracked : bool

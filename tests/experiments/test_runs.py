@@ -1,12 +1,19 @@
 """Runs, and registrations made again."""
 
+from typing import Any
+
 import numpy as np
+import pytest
 
 from edvo.config import Config
+from edvo.edges import EdgePixels
+from edvo.experiments import registrations
 from edvo.experiments.bench import Bench
 from edvo.experiments.registrations import pairs, registration
 from edvo.experiments.runs import track
 from edvo.odometry import Status
+from edvo.sampling import sample_edges
+from edvo.sensor import DEPTH_NOISE
 
 
 def test_a_run_says_what_the_odometry_says(bench: Bench) -> None:
@@ -27,6 +34,21 @@ def test_a_run_too_short_has_no_error(bench: Bench) -> None:
     run = track(thinned(bench.sequence("fr3/long_office_household"), 30))
     assert run.errors is None
     assert np.isnan(run.rmse)
+
+
+def test_samples_of_pairs_are_told_the_noise_of_the_sensor(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = []
+
+    def noted(*given: Any, **more: Any) -> EdgePixels:
+        told.append(more.get("noise"))
+        return sample_edges(*given, **more)
+
+    monkeypatch.setattr(registrations, "sample_edges", noted)
+    config = Config.preset("paper").with_overrides(["planes.sensor=azure_kinect"])
+    pairs(bench.sequence("fr3/long_office_household"), config, 1)
+    assert told == [DEPTH_NOISE["azure_kinect"]]
 
 
 def test_pairs_register_to_what_the_run_found(bench: Bench) -> None:

@@ -26,6 +26,7 @@ from edvo.edges import extract_edges
 from edvo.frame import Frame
 from edvo.kernels import Pinhole
 from edvo.sampling import sample_edges
+from edvo.sensor import DEPTH_NOISE
 
 FINE = Robust(nu=2.0, floor=1e-3, min_rows=30, max_iterations=50, stop=0.03)
 WIDE = replace(FINE, floor=2.0, stop=0.1)  # px; far edges pull first, as in a coarse image
@@ -90,7 +91,13 @@ class EdgeDistanceAligner:
         config = self._config
         edges = extract_edges(frame.grey, config.edges)
         samples = sample_edges(
-            edges, frame.depth, self._camera, config.sampling, config.edges, config.seed
+            edges,
+            frame.depth,
+            self._camera,
+            config.sampling,
+            config.edges,
+            config.seed,
+            noise=DEPTH_NOISE[config.planes.sensor],
         )
         holes = np.full(frame.grey.size, 255, np.uint8)
         holes[edges.index] = 0

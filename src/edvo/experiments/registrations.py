@@ -14,6 +14,7 @@ from edvo.matching import EdgeIndex
 from edvo.odometry import Odometry, Status
 from edvo.registration import Registration
 from edvo.sampling import sample_edges
+from edvo.sensor import DEPTH_NOISE
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +106,13 @@ def pairs(sequence: Sequence, config: Config, count: int) -> list[Pair]:
         frame = sequence.frames[now.index]
         edges = extract_edges(frame.grey, config.edges)
         samples = sample_edges(
-            edges, frame.depth, camera, config.sampling, config.edges, seed=now.index
+            edges,
+            frame.depth,
+            camera,
+            config.sampling,
+            config.edges,
+            seed=now.index,
+            noise=DEPTH_NOISE[config.planes.sensor],
         )
         T_world_key = tracked[now.keyframe].T_world_cam
         T_ref_last = se3.compose(se3.inverse(T_world_key), before.T_world_cam)
