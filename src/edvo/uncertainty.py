@@ -3,7 +3,7 @@
 Not in the paper. Edge pixels do not err independently: neighbours on one edge share their depth,
 their rounding and what light does to them, and so do neighbours on one plane. The inverse of
 J^T W J takes all of them for independent and is far too small. Here errors are shared within a
-cell of the image and independent between cells; docs/theory.md derives it.
+cell of the image and independent between cells; docs/theory/covariance.md derives it.
 """
 
 from typing import NamedTuple
