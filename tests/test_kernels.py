@@ -18,6 +18,7 @@ from edvo.camera import Camera
 from edvo.config import EdgesConfig, MatchingConfig, RegistrationConfig
 from edvo.edges import EdgePixels, extract_edges
 from edvo.matching import Criterion, EdgeIndex
+from edvo.planes import camera_of
 from edvo.registration import COARSE_POINTS, NOTHING_NEAR, Registration
 
 from . import problems, twins
@@ -162,6 +163,50 @@ def test_draw_samples_to_the_last_one(rng, seed, cell, per_cell, count):
     )
     np.testing.assert_array_equal(samples[:drawn], expected)
     np.testing.assert_array_equal(depths[:drawn], available[expected])
+
+
+@pytest.mark.parametrize("seed", [0, 1, 987654321])
+@pytest.mark.parametrize(
+    ("cell", "tried", "count"), [(16, 3, 100), (5, 1, 300), (500, 4, 50), (8, 9, 5000), (8, 3, 0)]
+)
+def test_draw_informative_to_the_last_one(rng, seed, cell, tried, count):
+    depth = depth_image(rng)
+    height, width = depth.shape
+    camera = Camera(width, height, 150.0, 145.0, width / 2, height / 2 - 3)
+    index = np.flatnonzero(rng.random(depth.shape) < 0.05).astype(np.int32)
+    du, dv = rng.integers(1, 200, (2, *depth.shape)).astype(np.int16)
+    du[rng.random(depth.shape) < 0.5] *= -1
+    radius, gap = 1, 0.05
+    available = np.empty(len(index), np.float32)
+    kernels.depths_at(depth, index, radius, gap, available)
+    worth = rng.uniform(0, 1, (3, 4, kernels.LINE_DIRECTIONS)).astype(np.float32)
+    samples, depths = np.empty(len(index), np.int32), np.empty(len(index), np.float32)
+    drawn, expected = both(
+        "draw_informative",
+        lambda: kernels.draw_informative(
+            index,
+            du,
+            dv,
+            depth,
+            camera_of(camera),
+            worth,
+            cell,
+            tried,
+            count,
+            radius,
+            gap,
+            False,
+            seed,
+            samples,
+            depths,
+        ),
+        lambda: twins.draw_informative(
+            index, du, dv, available, camera, worth, cell, tried, count, seed
+        ),
+    )
+    np.testing.assert_array_equal(samples[:drawn], expected)
+    np.testing.assert_array_equal(depths[:drawn], available[expected])
+    assert count == 0 or (available <= 0).any()  # some were passed over
 
 
 def test_draw_samples_of_no_edges():

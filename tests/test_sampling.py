@@ -1,3 +1,4 @@
+import math
 from itertools import pairwise
 
 import numpy as np
@@ -8,7 +9,7 @@ from scipy import stats
 
 from edvo.config import EdgesConfig, SamplingConfig
 from edvo.edges import EdgeImage, depth_at_edges, extract_edges
-from edvo.sampling import sample_edges
+from edvo.sampling import CELLS_A_SAMPLE, sample_edges
 
 from . import problems
 
@@ -76,6 +77,65 @@ def test_what_is_drawn(scene, seed, count, cell, per_cell):
     else:
         assert (given <= share).all()
         assert given.sum() == count
+
+
+@settings(max_examples=20)
+@given(
+    scene=st.integers(0, 5),
+    seed=st.integers(0, 2**40),
+    count=st.sampled_from([1, 17, 450, 3000]),
+    tried=st.sampled_from([1, 3, 10]),
+)
+def test_what_is_chosen(scene, seed, count, tried):
+    edges, depth = scattered(scene)
+    samples = draw(edges, depth, seed, count=count, tried=tried, selection="informative")
+    available = depth_at_edges(depth, edges.index, EDGES)
+    good = edges.index[available > 0]
+    drawn = flat(samples)
+    assert len(samples) == min(count, len(good))
+    assert (np.diff(drawn) > 0).all()  # row order, none twice
+    assert np.isin(drawn, good).all()
+    where = np.searchsorted(edges.index, drawn)
+    np.testing.assert_array_equal(samples.depths, available[where])
+
+
+def information(samples):
+    """Log det of J^T J at no motion."""
+    X = samples.points(CAMERA)
+    a = samples.gradients * [CAMERA.fx, CAMERA.fy] / X[:, 2:]
+    a = np.column_stack((a, -(a * X[:, :2]).sum(axis=1) / X[:, 2]))
+    J = np.column_stack((a, np.cross(X, a)))
+    return np.linalg.slogdet(J.T @ J)[1]
+
+
+@pytest.mark.parametrize("scene", [0, 1, 2])
+def test_those_that_tell_most_tell_more(scene):
+    edges = extract_edges(problems.drawn_image(np.random.default_rng(scene)), EDGES)
+    depth = np.full((CAMERA.height, CAMERA.width), 2.0, np.float32)
+    depth[:, : CAMERA.width // 2] = 1.0
+
+    def told(**how):
+        return [information(draw(edges, depth, seed, count=300, **how)) for seed in range(5)]
+
+    one, few, many = (told(selection="informative", tried=k) for k in (1, 3, 30))
+    assert np.mean(one) < np.mean(few) < np.mean(many)
+    assert min(many) > max(told())
+
+
+def test_what_is_worth_nothing_is_drawn_last():
+    edges, depth = scattered(3, missing=0)
+    worth = np.ones((1, 2, 4), np.float32)
+    worth[:, 0] = 0  # the left half
+    config = SamplingConfig(count=300, selection="informative", tried=1000)
+    half = CAMERA.width // 2
+    side = math.isqrt(CAMERA.width * CAMERA.height // (CELLS_A_SAMPLE * 300))
+    samples = sample_edges(edges, depth, CAMERA, config, EDGES, 0, worth=worth)
+    u = samples.pixels[:, 0]
+    cells, first = np.unique(cell_of(flat(samples), side), return_index=True)
+    astride = half // side  # of cells that have both, none of the left is drawn
+    both = cells % -(-CAMERA.width // side) == astride
+    assert both.any()
+    assert (u[first][both] >= half).all()
 
 
 def test_all_of_them():

@@ -183,9 +183,13 @@ class Splitmix:
 
     def pop(self, pool):
         """Swap a random entry to the front, then take it off."""
-        k = self.next() % len(pool)
-        pool[0], pool[k] = pool[k], pool[0]
+        self.to_front(pool, 0)
         return pool.pop(0)
+
+    def to_front(self, pool, first):
+        """Swap a random entry of those from ``first`` on to their front."""
+        k = first + self.next() % (len(pool) - first)
+        pool[first], pool[k] = pool[k], pool[first]
 
 
 def draw_samples(index, depths, shape, cell, per_cell, count, seed):
@@ -212,6 +216,54 @@ def draw_samples(index, depths, shape, cell, per_cell, count, seed):
         i = source.pop(rest)
         if depths[i] > 0:
             drawn.append(i)
+    return np.array(sorted(drawn), np.int32)
+
+
+def draw_informative(index, du, dv, depths, camera, worth, cell, tried, count, seed):
+    """Positions in ``index`` of the samples that tell most; ``depths`` (N,) are those of all."""
+    v, u = np.divmod(index.astype(np.int64), camera.width)
+    gradients = np.column_stack((du[v, u], dv[v, u])).astype(np.float64)
+    normals = gradients / np.linalg.norm(gradients, axis=1, keepdims=True)
+    rays = np.column_stack(((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, u * 0 + 1))
+    rows, cols, lines = worth.shape
+    directions = np.empty(len(index), np.int32)
+    kernels.directions_of(gradients.astype(np.float32), directions)
+    w = worth[v * rows // camera.height, u * cols // camera.width, directions % lines]
+    J = np.zeros((len(index), 6))
+    for i in np.flatnonzero(depths > 0):
+        X, z = rays[i] * depths[i], depths[i]
+        pi = np.array([[camera.fx / z, 0, -camera.fx * X[0] / z**2],
+                       [0, camera.fy / z, -camera.fy * X[1] / z**2]])  # fmt: skip
+        a = pi.T @ normals[i]
+        J[i] = [*a, *np.cross(X, a)]
+    wide = -(-camera.width // cell)
+    left = {}
+    for i, c in enumerate((v // cell * wide + u // cell).tolist()):
+        left.setdefault(c, []).append(i)
+    source, drawn, known = Splitmix(seed), [], np.eye(6) / kernels.PRIOR
+    turns = sorted(left)
+    while turns and len(drawn) < count:
+        for turn in range(len(turns)):
+            source.to_front(turns, turn)
+            if len(drawn) == count:
+                break
+            edges, shown = left[turns[turn]], 0
+            while shown < min(tried, len(edges)):
+                source.to_front(edges, shown)
+                if depths[edges[shown]] > 0:
+                    shown += 1
+                else:
+                    edges[shown] = edges[0]
+                    edges.pop(0)
+            if shown:
+                gains = [np.linalg.slogdet(known + w[i] * np.outer(J[i], J[i]))[1]
+                         for i in edges[:shown]]  # fmt: skip
+                best = int(np.argmax(gains))
+                chosen, edges[best] = edges[best], edges[0]
+                edges.pop(0)
+                drawn.append(chosen)
+                known += w[chosen] * np.outer(J[chosen], J[chosen])
+        turns = [c for c in turns if left[c]]
     return np.array(sorted(drawn), np.int32)
 
 

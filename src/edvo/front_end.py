@@ -17,7 +17,8 @@ from edvo.frame import Frame
 from edvo.keyframes import Keyframe
 from edvo.look import Look
 from edvo.planes import PlaneFitter, thinned
-from edvo.registration import Registration
+from edvo.registration import Alignment, Registration
+from edvo.reobservation import Reobserved
 from edvo.sampling import sample_edges
 from edvo.search import Seen
 from edvo.sensor import DEPTH_NOISE
@@ -52,6 +53,8 @@ class FrontEnd:
         self._camera, self._config, self._clock = camera, config, clock
         self._registration, self._fitter = registration, fitter
         self._buffers = EdgeBuffers(camera.height, camera.width)
+        self._reobserved = Reobserved(camera)
+        self._chooses = config.sampling.selection == "informative"
 
     def see(
         self,
@@ -146,7 +149,24 @@ class FrontEnd:
             T_cam_depth,
             count,
             DEPTH_NOISE[config.planes.sensor],
+            self._reobserved.worth if self._chooses else None,
         )
+
+    def note(self, seen: Seen, alignment: Alignment) -> None:
+        """Learn which edges are observed again, where samples are chosen by that.
+
+        Parameters
+        ----------
+        seen : Seen
+        alignment : Alignment
+            Of its samples, where it is *tracked*.
+        """
+        if self._chooses:
+            self._reobserved.note(seen.samples, alignment)
+
+    def forget(self) -> None:
+        """Start anew: nothing is known of which edges are observed again."""
+        self._reobserved.forget()
 
     def keyframe(
         self,

@@ -64,6 +64,7 @@ ONE_SURFACE, ONE_SIDE = 1.5, 2.0  # off by less (rms, in units of the noise) bot
 BENT, STEPPED = 3.0, 5.0  # so many standard deviations apart it bends there, or ends
 STEEP = 0.02  # of the depth, from pixel to pixel: what is turned away farther is no surface
 ROUNDING = 1 / 12  # px^2, of a pixel that is the nearest to where it should be
+PRIOR = 1e-3  # (m or rad)^2 / px^2; what a motion is known to before the first edge is drawn
 MIN_PLANE_SIGMA = 0.02  # floor of the scale of distances to planes, in units of the noise
 
 
@@ -1343,6 +1344,59 @@ def fit_edge_depths(
         depths[k] = z
 
 
+@lean
+def rough_depth(
+    depth: F32, u: int, v: int, radius: int, gap: float, roughly: bool
+) -> np.float32:
+    """Depth (m) of an edge pixel, ``roughly`` its own if it has any; 0 where there is none."""
+    z = depth[v, u] if roughly else np.float32(0)
+    return z if z > MIN_DEPTH else depth_at(depth, u, v, radius, gap)
+
+
+@compiled
+def sort_by_cell(index: I32, height: int, width: int, cell_px: int) -> tuple[I32, I32]:
+    """Sort edges, which come in row order, by square cells of the image.
+
+    Returns where each cell starts (cells + 1,), and the positions in ``index`` by cell (N,).
+    """
+    cols, rows = (width + cell_px - 1) // cell_px, (height + cell_px - 1) // cell_px
+    n = index.size
+    start = np.zeros(rows * cols + 1, np.int32)
+    cell_of = np.empty(n, np.int32)
+    col_of = np.empty(width, np.int32)
+    for u in range(width):
+        col_of[u] = u // cell_px
+    v, row = 0, 0
+    for i in range(n):
+        while index[i] >= (v + 1) * width:
+            v += 1
+            row = (v // cell_px) * cols
+        cell = place(row + col_of[place(index[i] - v * width)])
+        cell_of[i] = cell
+        start[cell + place(1)] += 1
+    for c in range(rows * cols):
+        start[c + 1] += start[c]
+    pool = np.empty(n, np.int32)
+    fill = start[:-1].copy()
+    for i in range(n):
+        cell = place(cell_of[i])
+        pool[place(fill[cell])] = i
+        fill[cell] += 1
+    return start, pool
+
+
+@lean
+def list_drawn(found: F32, samples: I32, depths: F32) -> int:
+    """Write which edges have a depth, in ascending order, and these depths; returns how many."""
+    filled = 0
+    for i in range(found.size):
+        if found[i] > 0:
+            samples[place(filled)] = i
+            depths[place(filled)] = found[i]
+            filled += 1
+    return filled
+
+
 @compiled
 def draw_samples(
     index: I32,
@@ -1364,35 +1418,14 @@ def draw_samples(
     Writes positions in ``index`` in ascending order, and depths; returns how many.
     """
     height, width = depth.shape
-    cols, rows = (width + cell_px - 1) // cell_px, (height + cell_px - 1) // cell_px
     per_width = 1 / width
     n = index.size
-    start = np.zeros(rows * cols + 1, np.int32)
-    cell_of = np.empty(n, np.int32)
-    col_of = np.empty(width, np.int32)
-    for u in range(width):
-        col_of[u] = u // cell_px
-    v, row = 0, 0
-    for i in range(n):
-        while index[i] >= (v + 1) * width:  # the edges come in row order
-            v += 1
-            row = (v // cell_px) * cols
-        cell = place(row + col_of[place(index[i] - v * width)])
-        cell_of[i] = cell
-        start[cell + place(1)] += 1
-    for c in range(rows * cols):
-        start[c + 1] += start[c]
-    pool = np.empty(n, np.int32)
-    fill = start[:-1].copy()
-    for i in range(n):
-        cell = place(cell_of[i])
-        pool[place(fill[cell])] = i
-        fill[cell] += 1
+    start, pool = sort_by_cell(index, height, width, cell_px)
     state = np.empty(1, np.uint64)
     state[0] = np.uint64(seed)
     found = np.full(n, np.float32(-1))  # depth of what was drawn; 0 where it has none
     # cells come in random order, in case there are more of them than count allows
-    cells = np.arange(rows * cols).astype(np.int32)
+    cells = np.arange(start.size - 1).astype(np.int32)
     left = count
     rest = np.int64(0)
     for turn in range(cells.size):
@@ -1403,9 +1436,7 @@ def draw_samples(
             i = draw(pool, first, last, state)
             first += 1
             v, u = row_and_column(index[i], per_width, width)
-            found[i] = depth[v, u] if roughly else np.float32(0)
-            if not found[i] > MIN_DEPTH:
-                found[i] = depth_at(depth, u, v, radius, gap)
+            found[i] = rough_depth(depth, u, v, radius, gap, roughly)
             if found[i] > 0:
                 taken += 1
                 left -= 1
@@ -1418,18 +1449,107 @@ def draw_samples(
         i = draw(pool, first, rest, state)
         first += 1
         v, u = row_and_column(index[i], per_width, width)
-        found[i] = depth[v, u] if roughly else np.float32(0)
-        if not found[i] > MIN_DEPTH:
-            found[i] = depth_at(depth, u, v, radius, gap)
+        found[i] = rough_depth(depth, u, v, radius, gap, roughly)
         if found[i] > 0:
             left -= 1
-    filled = 0
-    for i in range(n):
-        if found[i] > 0:
-            samples[place(filled)] = i
-            depths[place(filled)] = found[i]
-            filled += 1
-    return filled
+    return list_drawn(found, samples, depths)
+
+
+@compiled
+def draw_informative(
+    index: I32,
+    du: I16,
+    dv: I16,
+    depth: F32,
+    camera: Pinhole,
+    worth: F32,
+    cell_px: int,
+    tried: int,
+    count: int,
+    radius: int,
+    gap: float,
+    roughly: bool,
+    seed: int,
+    samples: I32,
+    depths: F32,
+) -> int:
+    """Draw at most ``count`` edges with depth that tell most of the motion, one a cell in turn.
+
+    Each cell shows so many of its edges as are ``tried``, at random, and gives the one that adds
+    most to log det of the information on a small motion of the camera, as far as it is ``worth``
+    (rows, cols, LINE_DIRECTIONS), by place and by direction of the line; then the next cell. Depth
+    is looked up as by ``draw_samples``. Pixels are taken as they are, and gradients are not freed
+    of the lens: that is near enough to choose by.
+    Writes positions in ``index`` in ascending order, and depths; returns how many.
+    """
+    height, width = depth.shape
+    per_width = 1 / width
+    n = index.size
+    start, pool = sort_by_cell(index, height, width, cell_px)
+    state = np.empty(1, np.uint64)
+    state[0] = np.uint64(seed)
+    found = np.zeros(n, np.float32)
+    cells = np.empty(start.size - 1, np.int32)  # those that have edges left, in front
+    live = np.int64(0)
+    for c in range(start.size - 1):
+        if start[c + 1] > start[c]:
+            cells[live] = c
+            live += 1
+    first = start[:-1].copy()  # of the edges that a cell has left
+    C = PRIOR * np.eye(6)  # the inverse of the information
+    J, best_J, CJ = np.empty(6), np.empty(6), np.empty(6)
+    left = count
+    while left > 0 and live > 0:
+        for turn in range(live):
+            c = draw(cells, np.int64(turn), live, state)
+            if left == 0:
+                break
+            gain, best, best_z, best_w = -1.0, np.int64(-1), np.float32(0), 0.0
+            at, last = np.int64(first[c]), np.int64(start[c + 1])
+            end = at + tried
+            while at < min(end, last):
+                i = draw(pool, at, last, state)
+                v, u = row_and_column(index[i], per_width, width)
+                z = rough_depth(depth, u, v, radius, gap, roughly)
+                if not z > 0:  # it is not asked again; what stood in front takes its place
+                    pool[at], pool[first[c]] = pool[first[c]], pool[at]
+                    best = at if best == first[c] else best
+                    first[c] += 1
+                    at, end = at + 1, end + 1
+                    continue
+                gu, gv, pz = np.float64(du[v, u]), np.float64(dv[v, u]), np.float64(z)
+                per_norm = 1 / np.sqrt(gu * gu + gv * gv)
+                px, py = (u - camera.cx) / camera.fx * pz, (v - camera.cy) / camera.fy * pz
+                au, av = gu * per_norm * camera.fx / pz, gv * per_norm * camera.fy / pz
+                write_row(au, av, -(au * px + av * py) / pz, px, py, pz, J)
+                line = direction_of(gu, gv) % LINE_DIRECTIONS
+                row, col = v * worth.shape[0] // height, u * worth.shape[1] // width
+                w = np.float64(worth[row, col, line])
+                adds = w * product_in(C, J, J)
+                if adds > gain:
+                    gain, best, best_z, best_w = adds, at, z, w
+                    best_J[:] = J
+                at += 1
+            if best < 0:
+                continue
+            pool[best], pool[first[c]] = pool[first[c]], pool[best]
+            found[pool[first[c]]] = best_z
+            first[c] += 1
+            left -= 1
+            for m in range(6):  # (C^-1 + w J J^T)^-1
+                CJ[m] = 0.0
+                for k in range(6):
+                    CJ[m] += C[m, k] * best_J[k]
+            for m in range(6):
+                for k in range(6):
+                    C[m, k] -= best_w / (1 + gain) * CJ[m] * CJ[k]
+        still = np.int64(0)
+        for turn in range(live):
+            if first[cells[turn]] < start[cells[turn] + 1]:
+                cells[still] = cells[turn]
+                still += 1
+        live = still
+    return list_drawn(found, samples, depths)
 
 
 # ------------------------------------------------------------------------------------- matching

@@ -118,6 +118,7 @@ class Odometry:
         self._search = Search(
             self.camera, self.config, self._registration, self._fitter, self._judge
         )
+        self._front_end.forget()
         self._shared.forget()
         self._instants.forget()
         kit = Kit(
@@ -352,6 +353,7 @@ class Odometry:
         if doubt.is_sure:
             doubt.note_sure(timestamp, T_key_cur)
             self._judge.note(alignment)
+            self._front_end.note(registered, alignment)
             self._shared.note(key.edges.edges, alignment, period, *compared)
             self._instants.note(key, registered, alignment, period)
             course.note_tracked(period)

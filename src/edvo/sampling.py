@@ -1,5 +1,7 @@
 """Sub-sampling of edge pixels, spread over the image by a grid (§IV-A)."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,6 +13,7 @@ from edvo.planes import camera_of
 from edvo.sensor import DEPTH_NOISE, DepthNoise
 
 AT_ONCE = np.eye(4)
+CELLS_A_SAMPLE = 4  # where edges are chosen by what they tell: most cells of an image have none
 
 
 def sample_edges(
@@ -23,8 +26,13 @@ def sample_edges(
     T_cam_depth: NDArray[np.float64] | None = None,
     count: int | None = None,
     noise: DepthNoise = DEPTH_NOISE["kinect_v1"],
+    worth: NDArray[np.float32] | None = None,
 ) -> EdgePixels:
     """Draw N edges with depth: so many from each grid cell, the rest at random from all.
+
+    Where ``SamplingConfig.selection`` says so, those instead that tell most of the motion: the
+    cells, smaller ones, each give in turn, of a few that are drawn, the edge that adds most to the
+    determinant of the information (not in the paper; after EdgeSLAM, T-RO 2025).
 
     Depth is looked up only for the edges that are drawn (see ``edges.depth_at_edges``); one
     without depth is passed over and another drawn. By the rule ``sides`` one that has a depth at
@@ -51,6 +59,9 @@ def sample_edges(
         N, where it is not that of ``config``.
     noise : DepthNoise, optional
         Of the depth image, which tells a bend of a surface, or its end, from chance.
+    worth : ndarray of float32, shape (rows, cols, 4), optional
+        What an edge is worth where those are chosen that tell most: see
+        `reobservation.Reobserved.worth`; all of them the same where not given.
 
     Returns
     -------
@@ -63,19 +74,26 @@ def sample_edges(
     depths = np.empty(count, np.float32)
     radius, gap = edges_config.depth_window_px // 2, edges_config.depth_gap
     by_sides = edges_config.depth_rule == "sides"
-    drawn = kernels.draw_samples(
-        edges.index,
-        depth,
-        config.cell_px,
-        config.per_cell,
-        count,
-        radius,
-        gap,
-        by_sides,
-        seed,
-        which,
-        depths,
-    )
+    how = radius, gap, by_sides, seed, which, depths
+    if config.selection == "informative":
+        side = max(int(math.sqrt(depth.size / (CELLS_A_SAMPLE * max(count, 1)))), 1)
+        all_alike = np.ones((1, 1, kernels.LINE_DIRECTIONS), np.float32)
+        drawn = kernels.draw_informative(
+            edges.index,
+            edges.du,
+            edges.dv,
+            depth,
+            camera_of(camera),
+            all_alike if worth is None else worth,
+            side,
+            config.tried,
+            count,
+            *how,
+        )
+    else:
+        drawn = kernels.draw_samples(
+            edges.index, depth, config.cell_px, config.per_cell, count, *how
+        )
     which, depths = which[:drawn], depths[:drawn]
     table = camera.undistortion_table() if camera.is_distorted else NO_TABLE
     T_depth_cam = AT_ONCE if T_cam_depth is None else se3.inverse(T_cam_depth)
