@@ -46,3 +46,12 @@ def test_rotation_and_translation_do_not_mix():
     turned = se3.exp([0, 0, 0, 0, np.radians(7), 0])
     turned[:3, 3] = [0.05, 0.05, 0.05]
     assert not is_due(MOTION, turned, 1.0, 1)
+
+
+@pytest.mark.parametrize(("most", "far"), [(0.1, 0.3), (0.3, 0.1)])
+def test_after_a_far_step_the_wider_bound_counts(most, far):
+    config = KeyframesConfig(max_translation_m=most, far_translation_m=far, max_rotation_deg=8.0)
+    for moved, due in ((0.299, False), (0.301, True)):
+        assert is_due(config, pose(moved), 1.0, 1, follows=False) is due
+    assert is_due(config, pose(most + 0.001), 1.0, 1)
+    assert is_due(config, pose(0, 8.01), 1.0, 1, follows=False)

@@ -133,6 +133,15 @@ class SamplingConfig(Section):
         default=5,
         description="edges drawn from each cell before the rest; 'at least five' in the paper",
     )
+    selection: Literal["random", "informative"] = Field(
+        default="random",
+        description="which edges are drawn: at random, or one a cell, those that add most to what "
+        "is known of the motion (log det of its information), as far as edges like them fitted of "
+        "late; cell_px and per_cell are then left aside. Not in the paper",
+    )
+    tried: Annotated[int, Field(ge=1)] = Field(
+        default=3, description="selection informative: edges of a cell that one is chosen from"
+    )
 
 
 class MatchingConfig(Section):
@@ -315,9 +324,14 @@ class KeyframesConfig(Section):
         default=10, description="rule gap: frames a keyframe"
     )
     max_translation_m: Positive = Field(
-        default=0.30,
-        description="rule motion: from the keyframe; keeping one longer drifts less, until the "
-        "views differ too much",
+        default=0.15,
+        description="rule motion: from the keyframe; what views differ by errs more with each "
+        "centimetre, each new keyframe with all that the one before it erred by",
+    )
+    far_translation_m: Positive = Field(
+        default=0.3,
+        description="rule motion: the same where that is more, for a frame that does not follow "
+        "the last one within 0.2 s: after a far step a place is not as sure. Not in the paper",
     )
     max_rotation_deg: Positive = Field(default=15.0, description="rule motion: from the keyframe")
     early_share: Fraction = Field(
@@ -651,7 +665,13 @@ PRESETS: dict[str, dict[str, Any]] = {
             "finer": "none",
         },
         "motion": {"search_deg": 0.0, "prior_stride": 4, "depth_delay": "none", "readout": "none"},
-        "keyframes": {"window": 1, "stored": 0, "gather_share": 0.0, "edge_scale": 1.0},
+        "keyframes": {
+            "max_translation_m": 0.3,
+            "window": 1,
+            "stored": 0,
+            "gather_share": 0.0,
+            "edge_scale": 1.0,
+        },
         "sampling": {"count": 450, "max_growth": 1.0},
         "registration": {
             "weight": "t",

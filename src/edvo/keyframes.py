@@ -224,6 +224,7 @@ def is_due(
     age: int,
     *,
     well_placed: bool = False,
+    follows: bool = True,
 ) -> bool:
     """Whether the frame just tracked should become the next keyframe.
 
@@ -239,6 +240,8 @@ def is_due(
     well_placed : bool
         Whether it is better constrained than the frames of late, which lowers the bounds on
         motion. That on overlap stays: where light changes, it falls without any motion.
+    follows : bool
+        Whether it was taken soon after the last one, and not a far step away.
 
     Returns
     -------
@@ -247,10 +250,12 @@ def is_due(
     if config.rule == "gap":
         return age >= config.gap_frames
     reach = config.early_share if well_placed else 1.0
-    return overlap < config.min_overlap or is_beyond(config, T_key_cur, reach)
+    return overlap < config.min_overlap or is_beyond(config, T_key_cur, reach, follows=follows)
 
 
-def is_beyond(config: KeyframesConfig, T_key_cur: NDArray[np.float64], share: float) -> bool:
+def is_beyond(
+    config: KeyframesConfig, T_key_cur: NDArray[np.float64], share: float, *, follows: bool = True
+) -> bool:
     """Whether the camera has left a keyframe by more than a share of the bounds on motion.
 
     Parameters
@@ -259,12 +264,17 @@ def is_beyond(config: KeyframesConfig, T_key_cur: NDArray[np.float64], share: fl
     T_key_cur : ndarray of float64, shape (4, 4)
         Motion since the keyframe.
     share : float
+    follows : bool
+        Whether the frame was taken soon after the last one, and not a far step away.
 
     Returns
     -------
     bool
     """
+    most = config.max_translation_m
+    if not follows:
+        most = max(most, config.far_translation_m)
     x, y, z = T_key_cur[:3, 3].tolist()
-    return math.hypot(x, y, z) > share * config.max_translation_m or se3.rotation_angle(
+    return math.hypot(x, y, z) > share * most or se3.rotation_angle(
         T_key_cur
     ) > share * math.radians(config.max_rotation_deg)
