@@ -205,7 +205,9 @@ def in_two_lights(count=24, first=8, period=4):
 
 
 def follow(frames, *overrides):
-    odometry = Odometry(CAMERA, Config().with_overrides(overrides))
+    # light changes within a third of the reach of a keyframe
+    config = Config().with_overrides(["keyframes.max_translation_m=0.3", *overrides])
+    odometry = Odometry(CAMERA, config)
     return odometry, [odometry.track(frame) for frame in frames]
 
 

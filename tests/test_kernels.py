@@ -368,6 +368,7 @@ def solver(config=None, **changes):
         "damping_down": config.damping_down,
         "max_rejections": config.max_rejections,
         "max_stretch": config.max_stretch,
+        "kept_px": config.kept_px,
     }
     return kernels.Solver(**{**values, **changes})
 

@@ -238,6 +238,31 @@ def test_matching_equals_its_numpy_twin(seed):
     np.testing.assert_allclose(found.Y[:count], Y, rtol=1e-12)
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_points_that_are_carried_keep_their_planes(seed):
+    rng = np.random.default_rng(seed)
+    planes, points = random_scene(rng)
+    T, step = se3.exp(rng.normal(0, 0.05, 6)), se3.exp(rng.normal(0, 1e-4, 6))
+    term = PlaneFitter(CAMERA, PlanesConfig()).term
+    pinhole = kernels.Pinhole(CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy, 320, 240)
+    found, carried = kernels.new_plane_matches(300), kernels.new_plane_matches(300)
+    count = kernels.match_planes(planes, points, pinhole, T, term, found)
+    kernels.carry_points(found, count, step, carried)
+    Y = found.Y[:count] @ step[:3, :3].T + step[:3, 3]
+    np.testing.assert_allclose(carried.Y[:count], Y, rtol=1e-12)
+    np.testing.assert_array_equal(carried.normal[:count], found.normal[:count])
+    np.testing.assert_array_equal(carried.point[:count], found.point[:count])
+    # those that project onto the same plane are as far off it as if they were matched anew
+    k, again = found.point[:count], kernels.new_plane_matches(300)
+    kept = kernels.match_planes(planes, points, pinhole, step @ T, term, again)
+    _, one, other = np.intersect1d(k, again.point[:kept], return_indices=True)
+    same = np.abs(again.normal[:kept][other] / found.normal[:count][one] - 1).max(axis=1) < 0.01
+    assert same.sum() > 0.8 * count
+    r, moved = carried.residuals[:count][one][same], found.residuals[:count][one][same]
+    np.testing.assert_allclose(r, again.residuals[:kept][other][same], rtol=0.01, atol=0.01)
+    assert np.abs(r - moved).max() > 0.02  # by more than that they have moved
+
+
 @pytest.mark.parametrize("cell", [20.0, 80.0])
 @pytest.mark.parametrize("seed", range(3))
 def test_what_depth_shares_is_that_of_the_numpy_twin(seed, cell):
@@ -413,6 +438,7 @@ def test_a_registration_ends_where_the_gradient_of_the_two_terms_vanishes(panels
             "registration.stop_decrease=0",
             "registration.max_iterations=200",
             "registration.max_rejections=20",
+            "registration.kept_px=0",
             "planes.weight=1",
             "motion.depth_delay=none",
             "motion.readout=none",

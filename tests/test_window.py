@@ -65,7 +65,11 @@ class Walk:
 
     def __init__(self, given, size=5):
         self.window = KeyframeWindow(
-            Config().with_overrides([f"keyframes.window={size}"]), given, given
+            Config().with_overrides(
+                [f"keyframes.window={size}", "keyframes.max_translation_m=0.3"]
+            ),
+            given,
+            given,
         )
         self.last = keyframe(0, np.eye(4))
 

@@ -244,6 +244,11 @@ class RegistrationConfig(Section):
         description="times its length that a step may be which goes on as the one before; 1: "
         "all are as Eq. (14) gives them",
     )
+    kept_px: NotNegative = Field(
+        default=0.25,
+        description="in the last stage a step that changes the residuals by less (rms) leaves each "
+        "point of depth on the plane that it has; 0: it is matched anew. Not in the paper",
+    )
 
 
 class PlanesConfig(Section):
@@ -681,6 +686,7 @@ PRESETS: dict[str, dict[str, Any]] = {
             "first_sigma_px": 0.0,
             "first_samples": 0,
             "max_stretch": 1.0,
+            "kept_px": 0.0,
         },
         "status": {
             "max_conflict": 0.0,

@@ -276,6 +276,7 @@ class Solver(NamedTuple):
     damping_down: float
     max_rejections: int  # in a row
     max_stretch: float  # times its length that a step may be which goes on as the last; 1: none
+    kept_px: float  # rms change below which a step of the last stage leaves points on their planes
 
 
 # ---------------------------------------------------------------------------------------- edges
@@ -882,23 +883,95 @@ def fit_planes(
 
 @lean_float
 def inverse_depths(line: F32, first: int, stride: int, w: F64) -> None:
-    """Write 1 / z (1/m) of every ``stride``-th pixel of a row, 0 where there is none."""
-    for k in range(w.size):
-        u = first + k * stride
-        z = line[u] if 0 <= u < line.size else np.float32(0)
-        w[k] = z if z > 0 else np.inf
-    for k in range(w.size):  # without a branch: on vectors
-        w[k] = 1.0 / w[k]
+    """Write 1 / z (1/m) of every ``stride``-th pixel of a row, 0 where there is none.
+
+    To ``w`` (apart, Q), those ``apart`` from one another side by side.
+    """
+    apart, count = w.shape[0], w.shape[1]
+    for p in range(apart):
+        start, step = first + p * stride, apart * stride
+        begin = min(max((step - 1 - start) // step, 0), count)  # inside the image
+        end = min(max((line.size - 1 - start) // step + 1, begin), count)
+        row = w[p]
+        for q in range(begin):
+            row[q] = np.inf
+        for q in range(end, count):
+            row[q] = np.inf
+        u = place(start + begin * step)
+        for q in range(place(begin), place(end)):
+            z = line[u]
+            row[q] = z if z > 0 else np.inf
+            u += place(step)
+        for q in range(count):  # without a branch: on vectors
+            row[q] = 1.0 / row[q]
 
 
 @lean_float
-def add_below(w: F64, v: float, n: F64, sw: F64, svw: F64, sww: F64) -> None:
-    """Add a row of inverse depths w, at ``v`` from the middle, to the sums of 1, w, v w and w w."""
-    for k in range(w.size):
-        n[k] += 1.0 if w[k] > 0 else 0.0
-        sw[k] += w[k]
-        svw[k] += v * w[k]
-        sww[k] += w[k] * w[k]
+def add_below(a: F64, b: F64, c: F64, v: F64, n: F64, sw: F64, svw: F64, sww: F64) -> None:
+    """Add three rows of inverse depths w, at ``v`` from the middle, to sums of 1, w, v w and w w.
+
+    All of the same length. Three at once: sums are read and written a third as often.
+    """
+    va, vb, vc = v[0], v[1], v[2]
+    for k in range(n.size):
+        one, two, three = a[k], b[k], c[k]
+        total = n[k] + (1.0 if one > 0 else 0.0)
+        total += 1.0 if two > 0 else 0.0
+        n[k] = total + (1.0 if three > 0 else 0.0)
+        sw[k] = sw[k] + one + two + three
+        svw[k] = svw[k] + va * one + vb * two + vc * three
+        sww[k] = sww[k] + one * one + two * two + three * three
+
+
+@lean_float
+def add_across(n: F64, sw: F64, svw: F64, sww: F64, u: float, sums: F64) -> None:
+    """Add columns of windows, at ``u`` from their middles, to ``sums`` of 1, w, u w, v w and w w.
+
+    Of one column of each window: ``sums`` is (5, windows), the others (windows,).
+    """
+    for k in range(sums.shape[1]):
+        sums[0, k] += n[k]
+        sums[1, k] += sw[k]
+        sums[2, k] += u * sw[k]
+        sums[3, k] += svw[k]
+        sums[4, k] += sww[k]
+
+
+@lean_float
+def planes_of_row(
+    sums: F64,
+    moments: Sums,
+    first: int,
+    step: int,
+    cv: float,
+    camera: Pinhole,
+    fits: F64,
+) -> None:
+    """Fit planes to windows without a hole, as `plane_through` and `set_plane` do, on vectors.
+
+    ``sums`` are as by `add_across`, ``moments`` those of pixels, the same for all of them.
+    Writes to ``fits`` (6, windows) the unit normal, the offset, the inverse depth in the middle,
+    and the mean square of what is off the plane.
+    """
+    share = 1.0 / moments.n
+    mu, mv = share * moments.u, share * moments.v
+    cuu, cuv = share * moments.uu - mu * mu, share * moments.uv - mu * mv
+    cvv = share * moments.vv - mv * mv
+    per_det = 1.0 / (cuu * cvv - cuv * cuv)
+    away = camera.cy - cv
+    for k in range(sums.shape[1]):
+        mw = share * sums[1, k]
+        cuw, cvw = share * sums[2, k] - mu * mw, share * sums[3, k] - mv * mw
+        cww = share * sums[4, k] - mw * mw
+        a, b = (cuw * cvv - cvw * cuv) * per_det, (cvw * cuu - cuw * cuv) * per_det
+        w = mw - a * mu - b * mv
+        nx, ny = a * camera.fx, b * camera.fy
+        nz = w + a * (camera.cx - float(first + k * step)) + b * away
+        norm = np.sqrt(nx * nx + ny * ny + nz * nz)
+        offset = 1.0 / norm
+        fits[0, k], fits[1, k], fits[2, k] = nx * offset, ny * offset, nz * offset
+        fits[3, k], fits[4, k] = offset, w
+        fits[5, k] = cww - a * cuw - b * cvw
 
 
 @compiled
@@ -917,8 +990,8 @@ def fit_planes_by_row(
 ) -> None:
     """Fit planes as ``fit_planes`` does, to nodes ``step`` px apart from ``first`` on, row by row.
 
-    Windows side by side share pixels and columns of sums: a third of the time. For an ideal camera
-    alone; ``step`` is a multiple of ``stride``.
+    Windows side by side share pixels and columns of sums, and those without a hole are fitted on
+    vectors: a fifth of the time. For an ideal camera alone; ``step`` is a multiple of ``stride``.
     """
     height, width = depth.shape
     cols, rows = (width - first + step - 1) // step, (height - first + step - 1) // step
@@ -927,13 +1000,18 @@ def fit_planes_by_row(
     apart, side = step // stride, 2 * reach // stride + 1
     # the rows of one window at a time, each in the place of one no longer needed: new memory for
     # all of them costs more than they do
-    lattice = np.zeros((side, (cols - 1) * apart + side))
+    lattice = np.zeros((side + 1, apart, cols + (side - 1) // apart))  # the last row stays 0
+    below = np.empty((4, apart, lattice.shape[2]))
+    flat, total = lattice.reshape(side + 1, -1), below.reshape(4, -1)
+    down = np.empty(3)
+    sums, fits = np.empty((5, cols)), np.empty((6, cols))
     filled = 0
     along, square = 0.0, 0.0  # the sums of u and u u over a row of a window
     for j in range(side):
         along += float(j * stride - reach)
         square += float(j * stride - reach) ** 2
-    below = np.empty((4, lattice.shape[1]))
+    su, suu, suv = side * along, side * square, along * along
+    whole = Sums(float(side * side), su, su, suu, suv, suu, 0.0, 0.0, 0.0, 0.0)
     for row in range(rows):
         for i in range(max(filled, row * apart), row * apart + side):
             v = first - reach + i * stride
@@ -943,36 +1021,54 @@ def fit_planes_by_row(
                 lattice[i % side] = 0.0
         filled = row * apart + side
         below[:] = 0.0
-        for i in range(side):
-            line, down = lattice[(row * apart + i) % side], float(i * stride - reach)
-            add_below(line, down, below[0], below[1], below[2], below[3])
+        for i in range(0, side, 3):
+            for more in range(3):
+                down[more] = float((i + more) * stride - reach)
+            a = flat[(row * apart + i) % side]
+            b = flat[(row * apart + i + 1) % side if i + 1 < side else side]
+            c = flat[(row * apart + i + 2) % side if i + 2 < side else side]
+            add_below(a, b, c, down, total[0], total[1], total[2], total[3])
+        sums[:] = 0.0
+        for j in range(side):
+            p, q, u = j % apart, j // apart, float(j * stride - reach)
+            add_across(
+                below[0, p][q : q + cols],
+                below[1, p][q : q + cols],
+                below[2, p][q : q + cols],
+                below[3, p][q : q + cols],
+                u,
+                sums,
+            )
         v0 = first + row * step
+        planes_of_row(sums, whole, first, step, float(v0), camera, fits)
         for col in range(cols):
-            k, u0 = row * cols + col, first + col * step
+            k, u0, n = row * cols + col, first + col * step, sums[0, col]
             offsets[k] = 0.0
-            if depth[v0, u0] <= 0:
+            if depth[v0, u0] <= 0 or 4 * n < 3 * side * side:
                 continue
-            n, sw, suw, svw, sww = 0.0, 0.0, 0.0, 0.0, 0.0
-            for j in range(side):
-                at = col * apart + j
-                n, sw = n + below[0, at], sw + below[1, at]
-                suw += (j * stride - reach) * below[1, at]
-                svw, sww = svw + below[2, at], sww + below[3, at]
-            if 4 * n < 3 * side * side:
-                continue
-            su, suu = side * along, side * square
-            sv, suv, svv = su, along * along, suu
-            if n < side * side:
+            off = flatness * sigma[k] / (np.float64(depth[v0, u0]) * depth[v0, u0])
+            if n < side * side or side == 1:
                 su, sv, suu, suv, svv = 0.0, 0.0, 0.0, 0.0, 0.0
                 for i in range(side):
+                    line = lattice[(row * apart + i) % side]
                     for j in range(side):
-                        if lattice[(row * apart + i) % side, col * apart + j] > 0:
+                        if line[j % apart, col + j // apart] > 0:
                             x, y = float(j * stride - reach), float(i * stride - reach)
                             su, sv = su + x, sv + y
                             suu, suv, svv = suu + x * x, suv + x * y, svv + y * y
-            off = flatness * sigma[k] / (np.float64(depth[v0, u0]) * depth[v0, u0])
-            sums = Sums(n, su, sv, suu, suv, svv, sw, suw, svw, sww)
-            set_plane(sums, float(u0), float(v0), off, camera, k, normals, offsets, centres)
+                sw, suw, svw, sww = sums[1, col], sums[2, col], sums[3, col], sums[4, col]
+                some = Sums(n, su, sv, suu, suv, svv, sw, suw, svw, sww)
+                set_plane(some, float(u0), float(v0), off, camera, k, normals, offsets, centres)
+                continue
+            w = fits[4, col]
+            if fits[5, col] > off * off or w <= 0 or not fits[3, col] < np.inf:
+                continue
+            z = 1.0 / w
+            normals[k, 0], normals[k, 1], normals[k, 2] = fits[0, col], fits[1, col], fits[2, col]
+            offsets[k] = fits[3, col]
+            centres[k, 0] = (float(u0) - camera.cx) / camera.fx * z
+            centres[k, 1] = (float(v0) - camera.cy) / camera.fy * z
+            centres[k, 2] = z
 
 
 @compiled
@@ -1048,6 +1144,25 @@ def match_planes(
         matches.point[to] = i
         count += 1
     return count
+
+
+@compiled
+def carry_points(matches: PlaneMatches, count: int, T: F64, carried: PlaneMatches) -> None:
+    """Move points, which keep their planes, by a small motion T of the reference camera's.
+
+    Distances are as by `match_planes`, but in units of the noise where they were.
+    """
+    for i in range(place(count)):
+        x, y, z = matches.Y[i, 0], matches.Y[i, 1], matches.Y[i, 2]
+        px = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
+        py = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
+        pz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+        nx, ny, nz = matches.normal[i, 0], matches.normal[i, 1], matches.normal[i, 2]
+        carried.Y[i, 0], carried.Y[i, 1], carried.Y[i, 2] = px, py, pz
+        carried.normal[i, 0], carried.normal[i, 1], carried.normal[i, 2] = nx, ny, nz
+        along = nx * (px - x) + ny * (py - y) + nz * (pz - z)
+        carried.residuals[i] = matches.residuals[i] + along
+        carried.point[i] = matches.point[i]
 
 
 @lean
@@ -1345,9 +1460,7 @@ def fit_edge_depths(
 
 
 @lean
-def rough_depth(
-    depth: F32, u: int, v: int, radius: int, gap: float, roughly: bool
-) -> np.float32:
+def rough_depth(depth: F32, u: int, v: int, radius: int, gap: float, roughly: bool) -> np.float32:
     """Depth (m) of an edge pixel, ``roughly`` its own if it has any; 0 where there is none."""
     z = depth[v, u] if roughly else np.float32(0)
     return z if z > MIN_DEPTH else depth_at(depth, u, v, radius, gap)
@@ -2609,9 +2722,9 @@ def align(
     there is a map, so is the first that is rejected; rejected itself, it is tried as it was.
     Points of the current depth image pull towards planes of the reference, where there are any:
     their term has a scale of its own, sigma_d, and counts less the more that exceeds the sensor's
-    noise, since such errors are not independent of one another. H and b stay in px^2. Where depth
-    was not taken at the instant of the image it moves with the pose by less, or by more, and so
-    does the row of a sample (``lag``).
+    noise, since such errors are not independent of one another. Short steps of the last stage leave
+    each point on its plane. H and b stay in px^2. Where depth was not taken at the instant of the
+    image it moves with the pose by less, or by more, and so does the row of a sample (``lag``).
     Returns why it stopped, iterations, number of matches, sigma and cost; then the number of
     points with a plane, their sigma_d, and what their term counted.
     """
@@ -2639,6 +2752,7 @@ def align(
     reason, iterations, count = EXHAUSTED, 0, 0
     rolls = lag.rows.size > 0
     moved = np.empty_like(points) if rolls else points
+    there, trial_there, back = np.empty((4, 4)), np.empty((4, 4)), np.empty((4, 4))
     sigma, cost, total = 1.0, 0.0, 0.0
     moves = 1 + lag.share  # by how much points move with the pose, near the last one
     settled = False  # by looking up: the robust criterion has nothing left to do
@@ -2762,12 +2876,17 @@ def align(
                 row[7] = mean_cost(
                     trial_residuals, trial_count, taken, sigma, criterion.limit, solver
                 )
-                near_trial_count = 0
+                near_trial_count = near_count
                 if m > 0:
-                    there = lagged(trial_T, lag)
-                    near_trial_count = match_planes(
-                        planes, surface, camera, there, term, near_trial, apart
-                    )
+                    trial_there = lagged(trial_T, lag)
+                    short = change * (solver.max_stretch if stretches else 1.0) < solver.kept_px
+                    if stage == last_stage and short:
+                        invert(there, back)
+                        carry_points(near, near_count, product(trial_there, back), near_trial)
+                    else:
+                        near_trial_count = match_planes(
+                            planes, surface, camera, trial_there, term, near_trial, apart
+                        )
                 if balance > 0:
                     off = plane_cost(near_trial, near_trial_count, asked, sigma_d)
                     row[7] += apart * balance / n * off
@@ -2783,6 +2902,8 @@ def align(
                 residuals[:] = trial_residuals
                 near, near_trial = near_trial, near
                 near_count = near_trial_count
+                if m > 0:
+                    there[:] = trial_there
                 damping *= solver.damping_down
                 rejections = 0
                 stale, leaps = True, False

@@ -226,6 +226,7 @@ class Registration:
             damping_down=registration.damping_down,
             max_rejections=registration.max_rejections,
             max_stretch=registration.max_stretch,
+            kept_px=registration.kept_px,
         )
 
     @property

@@ -1,6 +1,8 @@
 """Upkeep of keyframes: when the next one is made, what is added to it, and what is found back by.
 
-A keyframe is made, or added to, in the time of the frame after it: what was seen is kept till then.
+A keyframe is made in the time of two frames: its edges are found in that of its own, and the rest
+is made of them in that of the next, so that neither waits for all of it. Edges are added to it
+in the time of the frame after.
 """
 
 import logging
@@ -28,9 +30,10 @@ logger = logging.getLogger("edvo.odometry")  # one for all that the tracker has 
 class _Due:
     """A frame that is to be the keyframe, or to add to it, once another frame is there."""
 
-    seen: Seen  # its depth is kept
+    seen: Seen  # its depth is kept; with the edges that a keyframe is to have
     index: int
     velocity: NDArray[np.float64] | None
+    telling: int = 0  # how many of its edges, the first ones, tell places
     is_placed: bool = False  # by the window
     T_key_cur: NDArray[np.float64] | None = None  # where the keyframe stays, and gathers its edges
 
@@ -69,7 +72,7 @@ class Upkeep:
         if due is not None and due.T_key_cur is not None:
             self._gather(due.seen, due.T_key_cur, due.velocity)
         elif due is not None:
-            keyframe = self.make(due.seen, due.index, due.velocity)
+            keyframe = self._finish(due.seen, due.telling, due.index, due.velocity)
             if due.is_placed:
                 self._window.take(keyframe)
 
@@ -133,7 +136,8 @@ class Upkeep:
             placed_by = covariance if together else None
             if placed_by is not None:
                 T_key_cur = self._place(seen, T_key_cur, placed_by)
-            self._due = _Due(seen.kept(), index, velocity, placed_by is not None)
+            kept, telling = self._with_edges(seen.kept(), velocity)
+            self._due = _Due(kept, index, velocity, telling, placed_by is not None)
         elif velocity is not None:
             self._renew(velocity)
         return T_key_cur, due
@@ -154,6 +158,11 @@ class Upkeep:
         -------
         Keyframe
         """
+        kept, telling = self._with_edges(seen, velocity)
+        return self._finish(kept, telling, index, velocity)
+
+    def _with_edges(self, seen: Seen, velocity: NDArray[np.float64] | None) -> tuple[Seen, int]:
+        """Find the edges that a keyframe is to have, and how many of them tell places."""
         with self._clock("keyframe"):
             if velocity is not None:  # measured by now, no longer expected
                 T_cam_depth = self._instants.depth.motion(velocity, seen.frame.depth_delay)
@@ -162,6 +171,13 @@ class Upkeep:
             if velocity is not None and kept.samples is not seen.samples:  # those were by then
                 samples = self._instants.rolling.unrolled(kept.samples, velocity)
                 kept = replace(kept, samples=samples)
+        return kept, telling
+
+    def _finish(
+        self, kept: Seen, telling: int, index: int, velocity: NDArray[np.float64] | None
+    ) -> Keyframe:
+        """Make the keyframe of what was seen last, and of the edges found for it."""
+        with self._clock("keyframe"):
             edges = kept.edges.describe(self._camera)
             keyframe = self._front_end.keyframe(
                 kept,

@@ -33,6 +33,7 @@ CONFIG = Config().with_overrides(
         "planes.finer=none",
         "sampling.max_growth=1",
         "registration.max_stretch=1",
+        "registration.kept_px=0",
     ]
 )
 FIT = 0.65  # share of the edges that fit, with which a motion is believed
