@@ -49,9 +49,9 @@ def test_rotation_and_translation_do_not_mix():
 
 
 @pytest.mark.parametrize(("most", "far"), [(0.1, 0.3), (0.3, 0.1)])
-def test_after_a_far_step_the_wider_bound_counts(most, far):
+def test_where_a_place_is_not_as_sure_the_wider_bound_counts(most, far):
     config = KeyframesConfig(max_translation_m=most, far_translation_m=far, max_rotation_deg=8.0)
     for moved, due in ((0.299, False), (0.301, True)):
-        assert is_due(config, pose(moved), 1.0, 1, follows=False) is due
+        assert is_due(config, pose(moved), 1.0, 1, close=False) is due
     assert is_due(config, pose(most + 0.001), 1.0, 1)
-    assert is_due(config, pose(0, 8.01), 1.0, 1, follows=False)
+    assert is_due(config, pose(0, 8.01), 1.0, 1, close=False)

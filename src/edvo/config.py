@@ -336,7 +336,8 @@ class KeyframesConfig(Section):
     far_translation_m: Positive = Field(
         default=0.3,
         description="rule motion: the same where that is more, for a frame that does not follow "
-        "the last one within 0.2 s: after a far step a place is not as sure. Not in the paper",
+        "the last one within 0.2 s, or of which only what stands still was registered: its place "
+        "is not as sure. Not in the paper",
     )
     max_rotation_deg: Positive = Field(default=15.0, description="rule motion: from the keyframe")
     early_share: Fraction = Field(

@@ -224,7 +224,7 @@ def is_due(
     age: int,
     *,
     well_placed: bool = False,
-    follows: bool = True,
+    close: bool = True,
 ) -> bool:
     """Whether the frame just tracked should become the next keyframe.
 
@@ -240,8 +240,9 @@ def is_due(
     well_placed : bool
         Whether it is better constrained than the frames of late, which lowers the bounds on
         motion. That on overlap stays: where light changes, it falls without any motion.
-    follows : bool
-        Whether it was taken soon after the last one, and not a far step away.
+    close : bool
+        Whether it follows closely on the last one, and all of it was registered: else the wider
+        bound on translation counts.
 
     Returns
     -------
@@ -250,11 +251,11 @@ def is_due(
     if config.rule == "gap":
         return age >= config.gap_frames
     reach = config.early_share if well_placed else 1.0
-    return overlap < config.min_overlap or is_beyond(config, T_key_cur, reach, follows=follows)
+    return overlap < config.min_overlap or is_beyond(config, T_key_cur, reach, close=close)
 
 
 def is_beyond(
-    config: KeyframesConfig, T_key_cur: NDArray[np.float64], share: float, *, follows: bool = True
+    config: KeyframesConfig, T_key_cur: NDArray[np.float64], share: float, *, close: bool = True
 ) -> bool:
     """Whether the camera has left a keyframe by more than a share of the bounds on motion.
 
@@ -264,15 +265,15 @@ def is_beyond(
     T_key_cur : ndarray of float64, shape (4, 4)
         Motion since the keyframe.
     share : float
-    follows : bool
-        Whether the frame was taken soon after the last one, and not a far step away.
+    close : bool
+        Whether ``max_translation_m`` counts, or ``far_translation_m`` where that is more.
 
     Returns
     -------
     bool
     """
     most = config.max_translation_m
-    if not follows:
+    if not close:
         most = max(most, config.far_translation_m)
     x, y, z = T_key_cur[:3, 3].tolist()
     return math.hypot(x, y, z) > share * most or se3.rotation_angle(

@@ -121,9 +121,8 @@ class Upkeep:
         if rule.early_share < 1 and covariance is not None:
             better = self._information.is_better(covariance, period)
         certain = self._course.anchor is None
-        due = certain and is_due(
-            rule, T_key_cur, share, age, well_placed=better, follows=velocity is not None
-        )
+        close = is_whole and velocity is not None
+        due = certain and is_due(rule, T_key_cur, share, age, well_placed=better, close=close)
         # one that has gathered the last frame's edges, and serves no better, gives way
         fresh = seen.frame.timestamp - key.gathered_at > 1.5 * period
         gathers = due and fresh and seen.is_near and is_whole
