@@ -209,6 +209,20 @@ def test_draw_informative_to_the_last_one(rng, seed, cell, tried, count):
     assert count == 0 or (available <= 0).any()  # some were passed over
 
 
+@pytest.mark.parametrize("z", [1e-30, np.inf])
+def test_draw_informative_comes_to_an_end_whatever_depth_is(z):
+    depth = np.full((48, 64), z, np.float32)
+    index = np.arange(0, 48 * 64, 3, dtype=np.int32)
+    du, dv = np.full((2, 48, 64), 90, np.int16)
+    alike = np.ones((1, 1, kernels.LINE_DIRECTIONS), np.float32)
+    camera = camera_of(Camera(64, 48, 50.0, 50.0, 31.5, 23.5))
+    samples, depths = np.empty(300, np.int32), np.empty(300, np.float32)
+    how = alike, 8, 3, 300, 1, 0.05, True, 0, samples, depths
+    drawn = kernels.draw_informative(index, du, dv, depth, camera, *how)
+    assert drawn == 300
+    assert (np.diff(samples) > 0).all()
+
+
 def test_draw_samples_of_no_edges():
     none, depth = np.empty(0, np.int32), np.ones((48, 64), np.float32)
     buffers = np.empty(5, np.int32), np.empty(5, np.float32)

@@ -2,8 +2,10 @@ import numpy as np
 import pytest
 
 from edvo import se3
-from edvo.config import KeyframesConfig
+from edvo.config import Config, KeyframesConfig
 from edvo.keyframes import is_due
+from edvo.odometry import Odometry
+from edvo.synthesis.sequence import SyntheticSource, make_recipe
 
 from . import problems
 
@@ -55,3 +57,16 @@ def test_where_a_place_is_not_as_sure_the_wider_bound_counts(most, far):
         assert is_due(config, pose(moved), 1.0, 1, close=False) is due
     assert is_due(config, pose(most + 0.001), 1.0, 1)
     assert is_due(config, pose(0, 8.01), 1.0, 1, close=False)
+
+
+def test_frames_that_come_seldom_are_held_to_the_wider_bound():
+    source = SyntheticSource(make_recipe("office", frames=60, speed=0.4))
+    frames = [source.read(k).frame for k in range(0, 60, 8)]  # every 0.27 s, 0.1 m
+
+    def keyframes(*changes):
+        odometry = Odometry(source.camera, Config().with_overrides(changes))
+        return [r.index for r in map(odometry.track, frames) if r.is_keyframe]
+
+    narrow = keyframes("keyframes.far_translation_m=0.15")
+    assert len(keyframes()) < len(narrow)
+    assert keyframes("keyframes.max_translation_m=0.3") == keyframes()

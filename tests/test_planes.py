@@ -5,14 +5,14 @@ import pytest
 
 from edvo import kernels, se3
 from edvo.camera import Camera
-from edvo.config import Config, PlanesConfig
+from edvo.config import Config, MatchingConfig, PlanesConfig, RegistrationConfig
 from edvo.edges import NO_TABLE
 from edvo.odometry import Odometry, Status
 from edvo.planes import PlaneFitter, PlaneMap, PlanePoints
 from edvo.registration import AT_ONCE, NOTHING_NEAR, Registration
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
 
-from . import twins
+from . import problems, twins
 
 CAMERA = Camera(width=320, height=240, fx=260.0, fy=255.0, cx=158.3, cy=121.9)
 BENT = Camera(
@@ -261,6 +261,48 @@ def test_points_that_are_carried_keep_their_planes(seed):
     r, moved = carried.residuals[:count][one][same], found.residuals[:count][one][same]
     np.testing.assert_allclose(r, again.residuals[:kept][other][same], rtol=0.01, atol=0.01)
     assert np.abs(r - moved).max() > 0.02  # by more than that they have moved
+
+
+@pytest.mark.parametrize("share", [0.0, -0.4])
+@pytest.mark.parametrize("seed", range(3))
+def test_before_one_wall_points_that_keep_their_planes_end_where_others_do(seed, share):
+    """All of the map is one plane, so that no point could have another."""
+    rng = np.random.default_rng(seed)
+    T = problems.motion(rng, 0.08, 4.0)
+    problem = problems.segments_problem(seed, T, outliers=0.1)
+    normal, offset, rows, cols = unit([0.2, -0.3, 1.0]), 2.0, 60, 80
+    planes = PlaneMap(
+        np.tile(normal, (rows * cols, 1)), np.full(rows * cols, offset), rows, cols, 8.0
+    )
+    T_last = T @ se3.exp(rng.normal(0, 0.01, 6))
+    lag = kernels.Lag(share, T_last, np.eye(4), np.empty(0))
+    T_cur_ref = se3.inverse(kernels.lagged(T, lag))
+    pixels = rng.uniform([150, 150], [490, 330], (400, 2))
+    rays = problem.camera.backproject(pixels, np.ones(400))
+    X = rays * (offset / (rays @ normal))[:, None] @ T_cur_ref[:3, :3].T + T_cur_ref[:3, 3]
+    noisy = X + rng.normal(0, 3e-3, (400, 3))
+    points = PlanePoints(
+        noisy, np.tile(T_cur_ref[:3, :3] @ normal, (400, 1)), np.full(400, 3e-3), 16.0
+    )
+    term = PlaneFitter(problem.camera, PlanesConfig()).term
+    found = []
+    for kept_px in (0.0, 0.25, 1e9):
+        config = RegistrationConfig(
+            kept_px=kept_px, stop_px=1e-5, stop_share=1e-5, max_rejections=9
+        )
+        registration = Registration(problem.camera, MatchingConfig(), config)
+        reference = registration.index(problem.reference)
+        start = (T @ se3.exp(np.full(6, 0.004)))[None]
+        found.append(
+            registration.align(reference, problem.samples, start, planes, points, term, lag)
+        )
+    anew, *kept = found
+    assert anew.plane_points == 400
+    assert anew.depth_balance > 0
+    for each in kept:
+        assert problems.error(anew.T_ref_cur, each.T_ref_cur)[0] < 2e-5
+        assert each.sigma_depth == pytest.approx(anew.sigma_depth, rel=1e-3)
+        assert each.cost == pytest.approx(anew.cost, rel=1e-3)
 
 
 @pytest.mark.parametrize("cell", [20.0, 80.0])

@@ -89,6 +89,15 @@ def test_a_camera_is_followed_by_what_tells_most():
     first_pose, last_pose = (source.ground_truth.at(frames[k].timestamp) for k in (0, -1))
     truth = np.linalg.inv(first_pose) @ last_pose
     assert all(each.status.value == "tracked" for each in first)
+    worth = odometry._front_end._reobserved.worth
+    assert (worth < 0.9 * GUESS**EMPHASIS).any()  # it has learned
+    assert (worth > GUESS**EMPHASIS + 0.05).any()
+    few = odometry._front_end.see(frames[-1], 12).samples
+    with pytest.MonkeyPatch.context() as patch:
+        flat = np.full_like(worth, 0.5)
+        patch.setattr(Reobserved, "worth", flat)
+        others = odometry._front_end.see(frames[-1], 12).samples
+    assert not np.array_equal(few.pixels, others.pixels)  # and what it has learned is asked
     error = np.linalg.norm(first[-1].T_world_cam[:3, 3] - truth[:3, 3])
     assert error < 0.002
     odometry.reset()  # what was learned is gone: the same once more, to the bit

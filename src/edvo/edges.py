@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from edvo import kernels
 from edvo.camera import Camera
 from edvo.config import EdgesConfig
-from edvo.thresholds import FIXED, STRONGEST, Scales, threshold_scales
+from edvo.thresholds import STRONGEST, Scales, threshold_scales
 
 DOG_RATIO = 1.6  # of the two Gaussians: nearest to the Laplacian of a Gaussian (Marr 1980)
 BINOMIAL_PX, BINOMIAL_BITS = 5, 8  # the blur that a kernel does, and the bits that it adds
@@ -139,8 +139,8 @@ class EdgeImage:
         Whether edges are placed between pixels.
     scale : float
         By which the thresholds of ``EdgesConfig`` were multiplied.
-    scales : Scales
-        By which they may be, for this image.
+    scales : Scales, optional
+        By which they may be, for this image; None where that was not asked.
     """
 
     index: NDArray[np.int32]
@@ -148,7 +148,7 @@ class EdgeImage:
     dv: NDArray[np.int16]
     is_fine: bool = False
     scale: float = 1.0
-    scales: Scales = FIXED
+    scales: Scales | None = None
 
     def __len__(self) -> int:
         return len(self.index)
@@ -233,11 +233,11 @@ def extract_edges(
     buffers = buffers or EdgeBuffers(*grey.shape)
     slopes(grey, config, buffers)
     if config.extractor == "canny":
-        scales = FIXED
-        if scale is None:
-            scales = threshold_scales(buffers.du, buffers.dv, config)
-            scale = scales.faint if faint else scales.usual
-        return replace(_canny_edges(config, buffers, scale), scales=scales)
+        if scale is not None:
+            return _canny_edges(config, buffers, scale)
+        scales = threshold_scales(buffers.du, buffers.dv, config)
+        image = _canny_edges(config, buffers, scales.faint if faint else scales.usual)
+        return replace(image, scales=scales)
     MASKS[config.extractor](grey, config, buffers)
     return _collected(config, buffers)
 
@@ -265,16 +265,17 @@ def edges_to_keep(
     """
     if config.extractor != "canny" or not config.strong_share:
         return image, len(image)
-    scale = share * image.scales.faint
+    scales = image.scales or threshold_scales(buffers.du, buffers.dv, config)
+    scale = share * scales.faint
     every = image if scale == image.scale else _canny_edges(config, buffers, scale)
-    if scale == image.scales.usual:
+    if scale == scales.usual:
         return every, len(every)
     order = np.empty_like(every.index)
     count = kernels.put_strong_first(
         every.index,
         buffers.du,
         buffers.dv,
-        *_bounds(config, image.scales.usual),
+        *_bounds(config, scales.usual),
         buffers.mask,
         buffers.room,
         order,

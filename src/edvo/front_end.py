@@ -10,7 +10,7 @@ from edvo import kernels
 from edvo.camera import Camera
 from edvo.chamfer import ChamferMap
 from edvo.clock import Clock
-from edvo.config import Config
+from edvo.config import Config, SamplingConfig
 from edvo.detail import Detail, usual_detail
 from edvo.edges import EdgeBuffers, EdgeImage, EdgePixels, edges_to_keep, extract_edges
 from edvo.frame import Frame
@@ -127,7 +127,8 @@ class FrontEnd:
         -------
         EdgePixels
         """
-        return self._drawn(seen.edges, seen.frame, seen.T_cam_depth, GATHERED)
+        at_random = self._config.sampling.model_copy(update={"selection": "random"})
+        return self._drawn(seen.edges, seen.frame, seen.T_cam_depth, GATHERED, sampling=at_random)
 
     def _drawn(
         self,
@@ -136,6 +137,7 @@ class FrontEnd:
         T_cam_depth: NDArray[np.float64] | None,
         count: int,
         seed: int | None = None,
+        sampling: SamplingConfig | None = None,
     ) -> EdgePixels:
         """Draw so many of the edges that have depth, or all."""
         config = self._config
@@ -143,7 +145,7 @@ class FrontEnd:
             edges,
             frame.depth,
             self._camera,
-            config.sampling,
+            sampling or config.sampling,
             config.edges,
             config.seed if seed is None else seed,
             T_cam_depth,

@@ -885,7 +885,7 @@ def fit_planes(
 def inverse_depths(line: F32, first: int, stride: int, w: F64) -> None:
     """Write 1 / z (1/m) of every ``stride``-th pixel of a row, 0 where there is none.
 
-    To ``w`` (apart, Q), those ``apart`` from one another side by side.
+    That of pixel first + (q apart + p) stride to w[p, q], of ``w`` (apart, Q).
     """
     apart, count = w.shape[0], w.shape[1]
     for p in range(apart):
@@ -908,9 +908,10 @@ def inverse_depths(line: F32, first: int, stride: int, w: F64) -> None:
 
 @lean_float
 def add_below(a: F64, b: F64, c: F64, v: F64, n: F64, sw: F64, svw: F64, sww: F64) -> None:
-    """Add three rows of inverse depths w, at ``v`` from the middle, to sums of 1, w, v w and w w.
+    """Add three rows of inverse depths w to sums of 1, w, v w and w w.
 
-    All of the same length. Three at once: sums are read and written a third as often.
+    ``v`` (3,) is how far each is from the middle, px; all else (N,), of one length. Three at once:
+    sums are read and written a third as often.
     """
     va, vb, vc = v[0], v[1], v[2]
     for k in range(n.size):
@@ -949,7 +950,8 @@ def planes_of_row(
 ) -> None:
     """Fit planes to windows without a hole, as `plane_through` and `set_plane` do, on vectors.
 
-    ``sums`` are as by `add_across`, ``moments`` those of pixels, the same for all of them.
+    ``sums`` are as by `add_across`, ``moments`` those of pixels, the same for all of them. Windows
+    are ``step`` px apart from ``first`` on, in the row ``cv``.
     Writes to ``fits`` (6, windows) the unit normal, the offset, the inverse depth in the middle,
     and the mean square of what is off the plane.
     """
@@ -1148,9 +1150,10 @@ def match_planes(
 
 @compiled
 def carry_points(matches: PlaneMatches, count: int, T: F64, carried: PlaneMatches) -> None:
-    """Move points, which keep their planes, by a small motion T of the reference camera's.
+    """Move the first ``count`` points by a small motion T (4, 4) of the reference camera's.
 
-    Distances are as by `match_planes`, but in units of the noise where they were.
+    They keep their planes: nothing that `match_planes` asks is asked again, and distances are in
+    units of the noise where they were.
     """
     for i in range(place(count)):
         x, y, z = matches.Y[i, 0], matches.Y[i, 1], matches.Y[i, 2]
@@ -1591,8 +1594,8 @@ def draw_informative(
     Each cell shows so many of its edges as are ``tried``, at random, and gives the one that adds
     most to log det of the information on a small motion of the camera, as far as it is ``worth``
     (rows, cols, LINE_DIRECTIONS), by place and by direction of the line; then the next cell. Depth
-    is looked up as by ``draw_samples``. Pixels are taken as they are, and gradients are not freed
-    of the lens: that is near enough to choose by.
+    is looked up as by ``draw_samples``. Pixels are taken as they are, and gradients, none of which
+    may be 0, are not freed of the lens: that is near enough to choose by.
     Writes positions in ``index`` in ascending order, and depths; returns how many.
     """
     height, width = depth.shape
@@ -1639,7 +1642,7 @@ def draw_informative(
                 row, col = v * worth.shape[0] // height, u * worth.shape[1] // width
                 w = np.float64(worth[row, col, line])
                 adds = w * product_in(C, J, J)
-                if adds > gain:
+                if best < 0 or adds > gain:
                     gain, best, best_z, best_w = adds, at, z, w
                     best_J[:] = J
                 at += 1
@@ -1649,6 +1652,8 @@ def draw_informative(
             found[pool[first[c]]] = best_z
             first[c] += 1
             left -= 1
+            if not 0 < gain < np.inf:  # of a depth that is no depth nothing is learned
+                continue
             for m in range(6):  # (C^-1 + w J J^T)^-1
                 CJ[m] = 0.0
                 for k in range(6):
@@ -2792,7 +2797,7 @@ def align(
             residuals,
         )
         if m > 0:
-            there = lagged(T, lag)
+            there = lagged(T, lag).copy()
             near_count = match_planes(planes, surface, camera, there, term, near, apart)
         damping = solver.damping
         rejections, rejected, its_cost = 0, 0.0, 0.0
@@ -2903,7 +2908,7 @@ def align(
                 near, near_trial = near_trial, near
                 near_count = near_trial_count
                 if m > 0:
-                    there[:] = trial_there
+                    there = trial_there.copy()  # which may be the pose itself
                 damping *= solver.damping_down
                 rejections = 0
                 stale, leaps = True, False

@@ -157,6 +157,7 @@ class Recovery:
         course.anchor = (self._pieces.since, T_world_cam) if bare else None
         course.last_time = timestamp
         self._upkeep.take(keyframe, keep=not bare)
+        self._front_end.forget()
         self._shared.forget()
         self._chain.forget()
         self._search.forget()

@@ -14,8 +14,8 @@ from edvo.edges import EdgePixels
 from edvo.registration import Alignment
 from edvo.robust import TUNING
 
-CELL_PX = 32
-FADES = 0.8  # of what is known, from frame to frame
+CELL_PX = 32  # about: whole ones share the image
+FADES = 0.8  # of what is known, from one tracked frame to the next
 GUESSES = 2.0  # a cell starts as if so many of its samples had fitted
 GUESS = 0.8  # as well as that
 EMPHASIS = 3  # where edges err, those that seem to fit are not to be trusted fully, either

@@ -29,9 +29,6 @@ class Scales(NamedTuple):
     faint: float
 
 
-FIXED = Scales(1.0, 1.0)  # where thresholds do not follow the image
-
-
 def threshold_scales(du: NDArray[np.int16], dv: NDArray[np.int16], config: EdgesConfig) -> Scales:
     """Tell how far the thresholds sink for an image.
 
@@ -46,7 +43,7 @@ def threshold_scales(du: NDArray[np.int16], dv: NDArray[np.int16], config: Edges
     Scales
     """
     if not config.strong_share:
-        return FIXED
+        return Scales(1.0, 1.0)
     high = config.grey_steps * max(config.low, config.high)
     counts = np.zeros(min(math.ceil(high), STRONGEST) + 1, np.int32)
     kernels.count_strengths(du, dv, STEP_PX, counts)
