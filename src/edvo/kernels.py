@@ -993,7 +993,7 @@ def fit_planes_by_row(
     """Fit planes as ``fit_planes`` does, to nodes ``step`` px apart from ``first`` on, row by row.
 
     Windows side by side share pixels and columns of sums, and those without a hole are fitted on
-    vectors: a fifth of the time. For an ideal camera alone; ``step`` is a multiple of ``stride``.
+    vectors: a quarter of the time. For an ideal camera alone; ``step`` is a multiple of ``stride``.
     """
     height, width = depth.shape
     cols, rows = (width - first + step - 1) // step, (height - first + step - 1) // step
