@@ -10,6 +10,7 @@ from edvo.cli import compiling
 from edvo.config import Config
 
 
+@pytest.mark.slow
 def test_second_process_finds_all_compiled(whole_sequence: Path, tmp_path: Path) -> None:
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
 
