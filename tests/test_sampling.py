@@ -47,6 +47,19 @@ def cell_of(index, cell):
     return v // cell * -(-CAMERA.width // cell) + u // cell
 
 
+def check_drawn(edges, depth, samples, count):
+    """Assert that as many as can be are drawn, each once, with its depth; gives all, and those."""
+    available = depth_at_edges(depth, edges.index, EDGES)
+    good = edges.index[available > 0]
+    drawn = flat(samples)
+    assert len(samples) == min(count, len(good))
+    assert (np.diff(drawn) > 0).all()  # row order, none twice
+    assert np.isin(drawn, good).all()
+    where = np.searchsorted(edges.index, drawn)
+    np.testing.assert_array_equal(samples.depths, available[where])
+    return good, drawn
+
+
 @settings(max_examples=40)
 @given(
     scene=st.integers(0, 5),
@@ -58,15 +71,8 @@ def cell_of(index, cell):
 def test_what_is_drawn(scene, seed, count, cell, per_cell):
     edges, depth = scattered(scene)
     samples = draw(edges, depth, seed, count=count, cell_px=cell, per_cell=per_cell)
-    available = depth_at_edges(depth, edges.index, EDGES)
-    good = edges.index[available > 0]
-    drawn = flat(samples)
-    assert len(samples) == min(count, len(good))
-    assert (np.diff(drawn) > 0).all()  # row order, none twice
-    assert np.isin(drawn, good).all()
+    good, drawn = check_drawn(edges, depth, samples, count)
     assert (samples.depths > 0).all()
-    where = np.searchsorted(edges.index, drawn)
-    np.testing.assert_array_equal(samples.depths, available[where])
     np.testing.assert_allclose(samples.gradients, [[0.6, 0.8]] * len(samples), atol=1e-6)
     # each cell has given its share, unless there are too many cells for that
     have = np.bincount(cell_of(good, cell))
@@ -89,14 +95,7 @@ def test_what_is_drawn(scene, seed, count, cell, per_cell):
 def test_what_is_chosen(scene, seed, count, tried):
     edges, depth = scattered(scene)
     samples = draw(edges, depth, seed, count=count, tried=tried, selection="informative")
-    available = depth_at_edges(depth, edges.index, EDGES)
-    good = edges.index[available > 0]
-    drawn = flat(samples)
-    assert len(samples) == min(count, len(good))
-    assert (np.diff(drawn) > 0).all()  # row order, none twice
-    assert np.isin(drawn, good).all()
-    where = np.searchsorted(edges.index, drawn)
-    np.testing.assert_array_equal(samples.depths, available[where])
+    check_drawn(edges, depth, samples, count)
 
 
 def information(samples):
