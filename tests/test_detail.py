@@ -14,7 +14,14 @@ from edvo.config import (
     RegistrationConfig,
     SamplingConfig,
 )
-from edvo.detail import BLURRED_PX, DEPTH_ENOUGH, EDGES_ENOUGH, usual_detail, worthwhile_detail
+from edvo.detail import (
+    BLURRED_PX,
+    DEPTH_ENOUGH,
+    EDGES_ENOUGH,
+    LEAST_GROWTH,
+    usual_detail,
+    worthwhile_detail,
+)
 from edvo.edges import EdgeBuffers, extract_edges
 from edvo.odometry import Odometry, Status
 from edvo.planes import PlaneFitter, PlanePoints, thinned
@@ -71,7 +78,9 @@ def fine_after_fine(depth_share):
         (-0.001, 4500),
         (0.0, 4500),
         (EDGES_ENOUGH / 4501, 4500),
-        (EDGES_ENOUGH / 3000.5, 3000),
+        (EDGES_ENOUGH / 4000.5, 4000),
+        (EDGES_ENOUGH / (LEAST_GROWTH * 1500 + 0.5), int(LEAST_GROWTH * 1500)),
+        (EDGES_ENOUGH / (LEAST_GROWTH * 1500 - 0.5), 1500),
         (EDGES_ENOUGH / 1499, 1500),
         (0.1, 1500),
     ],

@@ -28,7 +28,16 @@ def across(depth, u=80.3, v=60.2, angle=0.0, sigma=SIGMA):
     """Depth of an edge whose gradient is turned by an angle."""
     depth = depth.astype(np.float32)
     u, v, z = float(u), float(v), float(depth[round(v), round(u)]) or 2.0
-    return kernels.depth_across(depth, u, v, np.cos(angle), np.sin(angle), sigma, z)
+    return depth_across(depth, u, v, np.cos(angle), np.sin(angle), sigma, z)
+
+
+def depth_across(depth, u, v, gu, gv, sigma, z):
+    """Depth of one edge."""
+    patches, found = np.empty((21, 1), np.float32), np.empty(1)
+    u, v, gu, gv, sigma, z = (np.array([each], float) for each in (u, v, gu, gv, sigma, z))
+    kernels.copy_patches(depth, u, v, gu, gv, patches)
+    kernels.depths_across(patches, sigma, z, found)
+    return float(found[0])
 
 
 def distance(u, v, angle):
@@ -99,7 +108,7 @@ def test_where_neither_side_is_plane_there_is_none(spoil):
 def test_without_a_gradient_there_are_no_sides():
     depth = np.full(U.shape, 2, np.float32)
     for gu, gv in ((np.nan, np.nan), (np.nan, 0.0), (np.inf, 0.0)):
-        assert kernels.depth_across(depth, 80.0, 60.0, gu, gv, SIGMA, 2.0) == 0
+        assert depth_across(depth, 80.0, 60.0, gu, gv, SIGMA, 2.0) == 0
 
 
 def test_at_the_border_where_its_pixels_would_leave_the_image_there_is_none():

@@ -802,24 +802,25 @@ def test_align_on_rendered_images():
 
 
 @pytest.mark.parametrize("name", robust.WEIGHTS)
-def test_shared_factor(rng, name):
+def test_shared_factors(rng, name):
     edges = problems.random_edges(rng, 2000)
     pixels = edges.pixels * np.float32(1.02) - np.float32(5)  # ideal ones may lie outside
     index = rng.integers(-1, 2000, 1500).astype(np.int32)
     residuals = np.where(index >= 0, rng.standard_t(3, 1500) * 0.2, np.nan)
     robustly = robust.WEIGHTS[name], robust.TUNING.get(name, 2.0)
-    arguments = (pixels, edges.gradients, index, residuals, *robustly, 0.2, 40.0, 12, 16)
+    arguments = (pixels, edges.gradients, index, residuals, *robustly, 0.2, 40.0, 12, 15, 4)
     value, expected = both(
-        "shared_factor",
-        lambda: kernels.shared_factor(*arguments),
-        lambda: twins.shared_factor(*arguments),
+        "shared_factors",
+        lambda: kernels.shared_factors(*arguments),
+        lambda: twins.shared_factors(*arguments),
     )
     assert value == pytest.approx(expected, rel=1e-6)
+    assert value[0] != value[1]
     few = index.copy()
     few[100:] = -1
     for matches in (few, np.full(1500, -1, np.int32)):
-        assert np.isnan(kernels.shared_factor(*arguments[:2], matches, *arguments[3:]))
-        assert np.isnan(twins.shared_factor(*arguments[:2], matches, *arguments[3:]))
+        assert np.isnan(kernels.shared_factors(*arguments[:2], matches, *arguments[3:])[0])
+        assert np.isnan(twins.shared_factors(*arguments[:2], matches, *arguments[3:])[0])
 
 
 # -------------------------------------------------------------------------------------- witness

@@ -45,3 +45,13 @@ def test_noise_grows_with_depth_and_keeps_the_shape(name: str) -> None:
     assert sigma.dtype == np.float64
     assert (sigma > 0).all()
     assert (np.diff(sigma.ravel()) > 0).all()
+
+
+def test_the_kinect_formula_holds_for_depths_of_any_layout() -> None:
+    depth = np.linspace(0.5, 5.0, 60, dtype=np.float32).reshape(6, 10)
+    expected = 0.0012 + 0.0019 * (depth.astype(np.float64) - 0.4) ** 2
+    for part in (np.s_[:], np.s_[1::2, ::3], np.s_[2], np.s_[3, 4]):
+        sigma = StructuredLightNoise().sigma_z(depth[part])
+        np.testing.assert_array_equal(sigma, expected[part])
+        assert sigma.shape == expected[part].shape
+    np.testing.assert_array_equal(StructuredLightNoise().sigma_z(depth.T), expected.T)

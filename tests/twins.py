@@ -494,6 +494,16 @@ def shared_factor(edges, normals, index, residuals, weight, tuning, sigma, cell,
     return (sums**2).sum() / ((w * r) ** 2).sum()
 
 
+def shared_factors(*arguments):
+    """That of cells of so many pixels, and that of others so many times as wide."""
+    *given, cell, rows, cols, times = arguments
+    wide = -(-rows // times), -(-cols // times)
+    return (
+        shared_factor(*given, cell, rows, cols),
+        shared_factor(*given, times * cell, *wide),
+    )
+
+
 def shared_depth_factor(planes, points, camera, T, term, sigma_d, cell, rows, cols):
     """Sum of s_c^2 over that of (w r)^2, s_c the sum of w r over a cell; NaN: too few."""
     _, Y, r = match_planes(planes, points, camera, T, term)

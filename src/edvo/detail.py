@@ -5,7 +5,6 @@ Not in the paper. Noise of its own averages out over more samples; what they err
 their points are taken from more pixels.
 """
 
-import math
 from typing import NamedTuple
 
 from edvo.camera import Camera
@@ -16,6 +15,7 @@ from edvo.sharing import SharedErrors
 # Once what is shared is so many times what each errs by alone, more of them tell little:
 EDGES_ENOUGH = 5.0  # of the samples,
 DEPTH_ENOUGH = 3.0  # of the usual points of depth, if they were all over the image,
+LEAST_GROWTH = 2.25  # times the usual samples: fewer gain less than their time is worth
 STAY = 1.5  # times that where they are fine already, of which a little more or less is measured
 BLURRED_PX = 0.8  # edges that scatter so widely are smeared: more of those tell nothing new
 # Planes say nothing along themselves: where few edges are left, those alone do, and have to count.
@@ -85,7 +85,8 @@ def worthwhile_detail(
     """
     count, growth = config.sampling.count, 1.0
     together = shared.edge_share * count  # that the usual samples have, in times of their own
-    if not math.isnan(together) and shared.scatter_px < BLURRED_PX:
+    pays = together * LEAST_GROWTH <= EDGES_ENOUGH  # no, where nothing is known
+    if pays and shared.scatter_px < BLURRED_PX:
         growth = EDGES_ENOUGH / max(together, EDGES_ENOUGH / config.sampling.max_growth)
     points = camera.width * camera.height / config.planes.point_step_px**2
     is_fine = bool(
@@ -93,4 +94,4 @@ def worthwhile_detail(
         and shared.matches >= EDGES_A_POINT * FINER**2 * points
         and shared.depth_share * points < (STAY if was_fine else 1.0) * DEPTH_ENOUGH
     )
-    return Detail(int(count * max(growth, 1.0)), is_fine, is_near=True, is_faint=shows_faint)
+    return Detail(int(count * growth), is_fine, is_near=True, is_faint=shows_faint)

@@ -55,6 +55,7 @@ NOWHERE = np.uint32(1023 << EDGE_BITS)
 LOG_2 = np.float32(np.log(2))
 ROOT_OF_HALF = np.int32(np.float32(np.sqrt(0.5)).view(np.int32))  # its bits
 FLAT = np.float32(1e-6)  # a bend of less than that is none: logarithms are not more exact
+PATCHES = 64  # of edges, that are at hand together: they stay in the nearest cache
 BATCH = 1024  # edges whose gradients are at hand together: they stay in the nearest cache
 # The patch that tells the depth of an edge: so many pixels to either side, and half as long;
 ACROSS, HALF_LENGTH = 3, 1
@@ -279,6 +280,19 @@ class Solver(NamedTuple):
     kept_px: float  # rms change below which a step of the last stage leaves points on their planes
 
 
+# --------------------------------------------------------------------------------------- sensor
+
+
+@lean
+def structured_light_noise(
+    depth: F64, floor: float, slope: float, nearest: float, sigma: F64
+) -> None:
+    """Write floor + slope (z - nearest)^2 of each depth."""
+    for i in range(depth.size):
+        off = depth[i] - nearest
+        sigma[i] = floor + slope * (off * off)
+
+
 # ---------------------------------------------------------------------------------------- edges
 
 
@@ -290,6 +304,33 @@ def count_strengths(dx: I16, dy: I16, step: int, counts: I32) -> None:
         for u in range(step // 2, dx.shape[1], step):
             strength = np.abs(np.int64(dx[v, u])) + np.abs(np.int64(dy[v, u]))
             counts[place(min(strength, most))] += 1
+
+
+@lean
+def exceeded(counts: I32, share: float) -> int:
+    """Tell which strength this share of the pixels exceeds, at most; see `thresholds.exceeded`."""
+    as_strong = np.int64(0)
+    for k in range(counts.size):
+        as_strong += counts[k]
+    most = share * as_strong
+    for k in range(counts.size):
+        if not as_strong > most:
+            return max(k - 1, 0)
+        as_strong -= counts[k]
+    return counts.size - 1
+
+
+@lean
+def undercut(counts: I32, share: float) -> float:
+    """Tell which strength this share of those above 0 stays below; see `thresholds.undercut`."""
+    every, as_weak = np.int64(0), np.int64(0)
+    for k in range(1, counts.size):
+        every += counts[k]
+    for k in range(1, counts.size):
+        as_weak += counts[k]
+        if every > 0 and as_weak >= share * every:
+            return k - 0.5
+    return 0.0
 
 
 @lean_float
@@ -730,12 +771,12 @@ def plane_through(sums: Sums) -> tuple[float, float, float, float, float]:
     cuu, cuv, cvv = share * sums.uu - mu * mu, share * sums.uv - mu * mv, share * sums.vv - mv * mv
     cuw, cvw, cww = share * sums.uw - mu * mw, share * sums.vw - mv * mw, share * sums.ww - mw * mw
     det = cuu * cvv - cuv * cuv
-    if not det > 1e-6:
-        return 0.0, 0.0, 0.0, np.inf, np.inf
     per_det = 1.0 / det
     a, b = (cuw * cvv - cvw * cuv) * per_det, (cvw * cuu - cuw * cuv) * per_det
     spread = share * (1 + (mu * mu * cvv - 2 * mu * mv * cuv + mv * mv * cuu) * per_det)
-    return mw - a * mu - b * mv, a, b, cww - a * cuw - b * cvw, spread
+    off = cww - a * cuw - b * cvw
+    spans = det > 1e-6  # no branch: on vectors
+    return mw - a * mu - b * mv, a, b, off if spans else np.inf, spread if spans else np.inf
 
 
 @lean
@@ -1306,36 +1347,31 @@ def delayed_depths(
             depths[k] = z - dz
 
 
-@lean
-def sum_patch(
-    depth: F32, u: float, v: float, gu: float, gv: float, first: int, last: int, z: float
-) -> Sums:
-    """Sums of depth less z over pixels ``first`` to ``last`` along a gradient at (u, v).
+@lean_float
+def add_line(sums: Sums, x: float, z: float, before: float, there: float, after: float) -> Sums:
+    """Add the depths, less z, of three pixels at (x, -1), (x, 0) and (x, 1), if they have any.
 
-    In the sums u goes along the gradient and v along the edge. Pixels have to be in the image.
+    No branch, so that it runs on vectors.
     """
-    n, su, sv, suu, suv, svv = 0, 0.0, 0.0, 0.0, 0.0, 0.0
-    sw, suw, svw, sww = 0.0, 0.0, 0.0, 0.0
-    for i in range(first, last + 1):
-        x = float(i)
-        cu, cv = u + x * gu + 0.5, v + x * gv + 0.5
-        here, y1, y2 = 0, 0.0, HALF_SQUARES
-        w1 = 0.0
-        for j in range(-HALF_LENGTH, HALF_LENGTH + 1):
-            there = depth[place(int(cv + j * gu)), place(int(cu - j * gv))]
-            if there > 0:
-                w = there - z
-                here += 1
-                w1 += w
-                svw += j * w
-                sww += w * w
-            else:
-                y1, y2 = y1 - j, y2 - j * j
-        n += here
-        su, suu = su + here * x, suu + here * x * x
-        sv, suv, svv = sv + y1, suv + x * y1, svv + y2
-        sw, suw = sw + w1, suw + x * w1
-    return Sums(float(n), su, sv, suu, suv, svv, sw, suw, svw, sww)
+    one = 1.0 if before > 0 else 0.0
+    two = 1.0 if there > 0 else 0.0
+    three = 1.0 if after > 0 else 0.0
+    a = before - z if before > 0 else 0.0
+    b = there - z if there > 0 else 0.0
+    c = after - z if after > 0 else 0.0
+    n, v, w = one + two + three, three - one, a + b + c
+    return Sums(
+        sums.n + n,
+        sums.u + n * x,
+        sums.v + v,
+        sums.uu + n * x * x,
+        sums.uv + x * v,
+        sums.vv + one + three,
+        sums.w + w,
+        sums.uw + x * w,
+        sums.vw - a + c,
+        sums.ww + a * a + b * b + c * c,
+    )
 
 
 @lean
@@ -1356,55 +1392,79 @@ def both(a: Sums, b: Sums) -> Sums:
 
 
 @lean_float
-def depth_across(
-    depth: F32, u: float, v: float, gu: float, gv: float, sigma: float, z: float
-) -> float:
-    """Depth (m) of an edge at (u, v), from what lies to either side of it along its gradient.
+def copy_patches(depth: F32, u: F64, v: F64, gu: F64, gv: F64, patches: F32) -> None:
+    """Copy the pixels to either side of edges at (u, v), those before it first, line by line.
+
+    Lines lie along the edge, across its gradient (gu, gv). ``patches`` is (pixels, N); all of them
+    are 0 where the image ends, or where there is no gradient.
+    """
+    height, width = depth.shape
+    reach = ACROSS + HALF_LENGTH
+    for k in range(place(u.size)):
+        u0, v0, across, down = u[k], v[k], gu[k], gv[k]
+        inside = reach <= u0 < width - 1 - reach and reach <= v0 < height - 1 - reach
+        # where there is no gradient it is no number
+        if not inside or not across * across + down * down < 2:
+            for j in range(patches.shape[0]):
+                patches[j, k] = 0
+            continue
+        i = place(0)
+        for x in range(-ACROSS, ACROSS + 1):
+            cu, cv = u0 + x * across + 0.5, v0 + x * down + 0.5
+            for y in range(-HALF_LENGTH, HALF_LENGTH + 1):
+                row, col = place(int(cv + y * across)), place(int(cu - y * down))
+                patches[i, k] = depth[row, col]
+                i += place(1)
+
+
+@lean_float
+def depths_across(patches: F32, sigma: F64, z: F64, found: F64) -> None:
+    """Write depths (m) of edges, by what lies to either side of each along its gradient.
 
     One plane through both sides, unless those end at the edge at other depths than it has there:
     where they meet, the surface bends, and their mean counts; else the nearer one owns the edge.
     One side alone counts where the other has too few pixels with depth. 0 where a side that has
     enough is not plane, or does not tell the depth at the edge to the noise of one pixel, unless
-    one plane fits both; and where the image ends. (u, v) is a raw pixel, (gu, gv) of unit length,
-    ``sigma`` (m) the noise there, ``z`` (m) any depth nearby.
+    one plane fits both. ``patches`` are by `copy_patches`, ``sigma`` (m) is the noise there, ``z``
+    (m) any depth nearby. No branch: on vectors.
     """
-    height, width = depth.shape
-    reach = ACROSS + HALF_LENGTH
-    if not (reach <= u < width - 1 - reach and reach <= v < height - 1 - reach):
-        return 0.0
-    if not gu * gu + gv * gv < 2:  # where there is no gradient it is no number
-        return 0.0
-    ahead = sum_patch(depth, u, v, gu, gv, 1, ACROSS, z)
-    behind = sum_patch(depth, u, v, gu, gv, -ACROSS, -1, z)
-    here = sum_patch(depth, u, v, gu, gv, 0, 0, z)
-    a, au, av, a_off, a_spread = plane_through(ahead)
-    b, bu, bv, b_off, b_spread = plane_through(behind)
-    every = both(both(ahead, behind), here)
-    one, u1, v1, off, spread = plane_through(every)
-    a_slope, b_slope, one_slope = au * au + av * av, bu * bu + bv * bv, u1 * u1 + v1 * v1
-    noise, steep = sigma * sigma, STEEP * STEEP * z * z
-    a_noise, b_noise = noise + ROUNDING * a_slope, noise + ROUNDING * b_slope
-    seen_a, seen_b = ahead.n >= LEAST_PIXELS, behind.n >= LEAST_PIXELS
-    has_a = a_off < ONE_SIDE * ONE_SIDE * a_noise and a_slope < steep and seen_a and a_spread < 1
-    has_b = b_off < ONE_SIDE * ONE_SIDE * b_noise and b_slope < steep and seen_b and b_spread < 1
-    is_one = off < ONE_SURFACE * ONE_SURFACE * (noise + ROUNDING * one_slope)
-    is_one = is_one and one_slope < steep and every.n >= LEAST_PIXELS and spread < 1
-    if has_a and has_b:
+    p, one_side = patches, ONE_SIDE * ONE_SIDE
+    none = Sums(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    for k in range(place(z.size)):
+        near = z[k]
+        ahead = add_line(none, 1.0, near, p[12, k], p[13, k], p[14, k])
+        ahead = add_line(ahead, 2.0, near, p[15, k], p[16, k], p[17, k])
+        ahead = add_line(ahead, 3.0, near, p[18, k], p[19, k], p[20, k])
+        behind = add_line(none, -3.0, near, p[0, k], p[1, k], p[2, k])
+        behind = add_line(behind, -2.0, near, p[3, k], p[4, k], p[5, k])
+        behind = add_line(behind, -1.0, near, p[6, k], p[7, k], p[8, k])
+        here = add_line(none, 0.0, near, p[9, k], p[10, k], p[11, k])
+        a, au, av, a_off, a_spread = plane_through(ahead)
+        b, bu, bv, b_off, b_spread = plane_through(behind)
+        every = both(both(ahead, behind), here)
+        one, u1, v1, off, spread = plane_through(every)
+        a_slope, b_slope, one_slope = au * au + av * av, bu * bu + bv * bv, u1 * u1 + v1 * v1
+        noise, steep = sigma[k] * sigma[k], STEEP * STEEP * near * near
+        a_noise, b_noise = noise + ROUNDING * a_slope, noise + ROUNDING * b_slope
+        seen_a, seen_b = ahead.n >= LEAST_PIXELS, behind.n >= LEAST_PIXELS
+        a_plane, b_plane = a_off < one_side * a_noise, b_off < one_side * b_noise
+        has_a = a_plane & (a_slope < steep) & seen_a & (a_spread < 1)
+        has_b = b_plane & (b_slope < steep) & seen_b & (b_spread < 1)
+        is_one = (off < ONE_SURFACE * ONE_SURFACE * (noise + ROUNDING * one_slope)) & (spread < 1)
+        is_one = is_one & (one_slope < steep) & (every.n >= LEAST_PIXELS)
         a_spread, b_spread = a_noise * a_spread, b_noise * b_spread
         share = b_spread / (a_spread + b_spread)
         mean = share * a + (1 - share) * b
-        if (a - b) ** 2 >= STEPPED * STEPPED * (a_spread + b_spread):
-            return z + min(a, b)
-        if is_one and (mean - one) ** 2 < BENT * BENT * share * a_spread:
-            return z + one
-        return z + mean
-    if is_one:
-        return z + one
-    if has_a and not seen_b:
-        return z + a
-    if has_b and not seen_a:
-        return z + b
-    return 0.0
+        apart, bent = a - b, mean - one
+        ends = apart * apart >= STEPPED * STEPPED * (a_spread + b_spread)
+        fits = is_one & (bent * bent < BENT * BENT * share * a_spread)
+        nearer = a if a < b else b
+        level = one if fits else mean
+        two = z[k] + (nearer if ends else level)
+        single = z[k] + (one if is_one else (a if has_a else b))
+        alone = is_one | (has_a & (not seen_b)) | (has_b & (not seen_a))
+        other = single if alone else 0.0
+        found[k] = two if has_a & has_b else other
 
 
 @compiled
@@ -1422,7 +1482,7 @@ def fit_edge_depths(
     sigma: F64,
     depths: F32,
 ) -> None:
-    """Overwrite depths (m) of edges, known roughly, by `depth_across`, else by `depth_at`, else 0.
+    """Overwrite depths (m) of edges, known roughly, by `depths_across`, else by `depth_at`, else 0.
 
     ``pixels`` (N, 2) and ``gradients`` (N, 2), of unit length, are ideal, ``index`` (N,) tells
     their raw pixels, ``sigma`` (N,) is the noise of ``depths`` (N,), both in m. ``table`` is that
@@ -1432,34 +1492,57 @@ def fit_edge_depths(
     """
     height, width = depth.shape
     per_width = 1 / width
-    for k in range(depths.size):
-        v0, u0 = row_and_column(index[k], per_width, width)
-        cu, cv = np.float64(pixels[k, 0]), np.float64(pixels[k, 1])
-        u, v = cu, cv
-        if table.size > 0:
-            u, v = u0 + cu - table[v0, u0, 0], v0 + cv - table[v0, u0, 1]
-        gu, gv = np.float64(gradients[k, 0]), np.float64(gradients[k, 1])
-        z = float(depths[k])
-        du, dv, dz = 0.0, 0.0, 0.0
-        for turn in range(2):
-            if delayed:
-                before_u, before_v = du, dv
-                du, dv, dz = shift_pixel(cu, cv, z, camera, T_depth_cam)
-                if turn > 0 and abs(du - before_u) < 0.5 and abs(dv - before_v) < 0.5:
-                    break
-            found = depth_across(depth, u + du, v + dv, gu, gv, sigma[k], z + dz)
-            if found <= 0:
-                row, col = int(np.floor(v + dv + 0.5)), int(np.floor(u + du + 0.5))
-                if not (0 <= col < width and 0 <= row < height):
-                    break
-                found = float(depth_at(depth, col, row, radius, gap))
-            if found <= 0 or not found - dz > MIN_DEPTH:
-                z = z if delayed else 0.0
-                break
-            z = found - dz
-            if not delayed:
-                break
-        depths[k] = z
+    most = min(depths.size, PATCHES)
+    patches = np.empty(((2 * ACROSS + 1) * (2 * HALF_LENGTH + 1), most), np.float32)
+    u, v, gu, gv, noise, near, found, known = np.empty((8, most))
+    asked, shifts = np.empty(most, np.int64), np.zeros((most, 3))
+    for first in range(0, depths.size, PATCHES):
+        count = min(depths.size - first, PATCHES)
+        for i in range(count):
+            asked[i], known[i] = i, depths[first + i]
+        for turn in range(2 if delayed else 1):
+            asking = 0
+            for j in range(count):
+                i = asked[j]
+                k = first + i
+                v0, u0 = row_and_column(index[k], per_width, width)
+                cu, cv = np.float64(pixels[k, 0]), np.float64(pixels[k, 1])
+                u[asking], v[asking] = cu, cv
+                if table.size > 0:
+                    u[asking] = u0 + cu - table[v0, u0, 0]
+                    v[asking] = v0 + cv - table[v0, u0, 1]
+                du, dv, dz = 0.0, 0.0, 0.0
+                if delayed:
+                    du, dv, dz = shift_pixel(cu, cv, known[i], camera, T_depth_cam)
+                    off_u, off_v = abs(du - shifts[i, 0]), abs(dv - shifts[i, 1])
+                    if turn > 0 and off_u < 0.5 and off_v < 0.5:
+                        continue
+                shifts[i, 0], shifts[i, 1], shifts[i, 2] = du, dv, dz
+                u[asking] += du
+                v[asking] += dv
+                gu[asking], gv[asking] = gradients[k, 0], gradients[k, 1]
+                noise[asking], near[asking] = sigma[k], known[i] + dz
+                asked[asking] = i
+                asking += 1
+            copy_patches(depth, u[:asking], v[:asking], gu, gv, patches)
+            depths_across(patches, noise, near[:asking], found)
+            count = 0
+            for j in range(asking):
+                i, z = asked[j], found[j]
+                if z <= 0:
+                    row, col = int(np.floor(v[j] + 0.5)), int(np.floor(u[j] + 0.5))
+                    if not (0 <= col < width and 0 <= row < height):
+                        continue
+                    z = float(depth_at(depth, col, row, radius, gap))
+                z_there = z - shifts[i, 2]
+                if z <= 0 or not z_there > MIN_DEPTH:
+                    known[i] = known[i] if delayed else 0.0
+                    continue
+                known[i] = z_there
+                asked[count] = i
+                count += 1
+        for i in range(min(depths.size - first, PATCHES)):
+            depths[first + i] = known[i]
 
 
 @lean
@@ -3367,7 +3450,7 @@ def shared_ratio(sums: F64, squares: float, count: float) -> float:
 
 
 @compiled
-def shared_factor(
+def shared_factors(
     edges: F32,
     normals: F32,
     index: I32,
@@ -3378,21 +3461,23 @@ def shared_factor(
     cell: float,
     rows: int,
     cols: int,
-) -> float:
+    times: int,
+) -> tuple[float, float]:
     """By what factor errors that are shared within a cell add to the variance of sums over it.
 
     ``index`` are the matches among ``edges`` and their ``normals``, ``residuals`` their distances.
     With s_c the sum of w r n over cell c, that is the sum of |s_c|^2 over that of (w r)^2: 1 where
     residuals are independent of one another, and the number in a cell where they are all the
-    same. NaN where there are too few to a cell to tell: less than one pair an edge.
+    same. NaN where there are too few to a cell to tell: less than one pair an edge. The second one
+    is that of cells which are so many ``times`` as wide and as high.
     """
     sums = np.zeros((rows * cols, 3))
     inverse, per_px = 1 / (sigma * sigma), 1 / cell
     squares, count = 0.0, 0.0
     for i in range(index.size):
-        k = index[i]
-        if k < 0:
+        if index[i] < 0:
             continue
+        k = place(index[i])
         w = robust_weight(residuals[i] * residuals[i] * inverse, weight, tuning)
         if w <= 0:
             continue
@@ -3400,13 +3485,20 @@ def shared_factor(
         # an ideal pixel may lie outside the image
         row = min(max(int(edges[k, 1] * per_px), 0), rows - 1)
         col = min(max(int(edges[k, 0] * per_px), 0), cols - 1)
-        c = row * cols + col
+        c = place(row * cols + col)
         sums[c, 0] += push * normals[k, 0]
         sums[c, 1] += push * normals[k, 1]
         sums[c, 2] += 1
         squares += push * push
         count += 1
-    return shared_ratio(sums, squares, count)
+    across = (cols + times - 1) // times
+    wide = np.zeros((across * ((rows + times - 1) // times), 3))
+    for row in range(rows):
+        for col in range(cols):
+            to = (row // times) * across + col // times
+            for m in range(3):
+                wide[to, m] += sums[row * cols + col, m]
+    return shared_ratio(sums, squares, count), shared_ratio(wide, squares, count)
 
 
 @compiled
@@ -3422,7 +3514,7 @@ def shared_depth_factor(
     rows: int,
     cols: int,
 ) -> float:
-    """As ``shared_factor`` for the distances of points to planes, by Tukey's weights."""
+    """As ``shared_factors`` for the distances of points to planes, by Tukey's weights."""
     matches = new_plane_matches(surface.sigma.size)
     count = match_planes(planes, surface, camera, lagged(T, lag), term, matches)
     sums = np.zeros((rows * cols, 3))
@@ -3512,30 +3604,36 @@ def surround(depth: F32, step: int, reach: int, kept: F32, near: F32, far: F32) 
     least = np.full((high, wide), np.float32(np.inf))
     most = np.zeros((high, wide), np.float32)  # depths with a minus, so that it is a least too
     there = np.empty((high, wide), np.int16)
+    inside = slice(reach, reach + cols)  # slices: an index that is a sum keeps loops off vectors
     for r in range(rows):
-        source = depth[step // 2 + r * step]
-        to, one, other = kept[r], least[r + reach], most[r + reach]
+        source = depth[step // 2 + r * step][step // 2 :]
+        to, one, other = kept[r], least[r + reach][inside], most[r + reach][inside]
+        i = place(0)
+        for c in range(place(cols)):
+            to[c] = source[i]
+            i += place(step)
         for c in range(cols):
-            z = source[step // 2 + c * step]
-            to[c] = z
-            one[reach + c] = z if z > 0 else np.float32(np.inf)
-            other[reach + c] = -z
+            z = to[c]
+            one[c] = z if z > 0 else np.float32(np.inf)
+            other[c] = -z
     for r in range(high):
         seen, line = kept[mirrored(r - reach, rows)], there[r]
+        middle = line[inside]
         for c in range(cols):
-            line[reach + c] = seen[c] > 0
+            middle[c] = np.int16(1) if seen[c] > 0 else np.int16(0)
         for c in range(reach):
             line[c] = seen[mirrored(c - reach, cols)] > 0
             line[reach + cols + c] = seen[mirrored(cols + c, cols)] > 0
     below = least_ahead(least.reshape(-1), wide, side)
     above = least_ahead(most.reshape(-1), wide, side)
     count = sum_ahead(there.reshape(-1), wide, side)
+    half = np.int16(side * side // 2)
     for r in range(rows):
+        row = slice(r * wide, r * wide + cols)
+        lower, upper, known, to, away = below[row], above[row], count[row], near[r], far[r]
         for c in range(cols):
-            i = r * wide + c
-            is_known = 2 * count[i] > side * side
-            near[r, c] = below[i] if is_known else np.float32(0)
-            far[r, c] = -above[i] if is_known else np.float32(0)
+            to[c] = lower[c] if known[c] > half else np.float32(0)
+            away[c] = -upper[c] if known[c] > half else np.float32(0)
 
 
 @compiled

@@ -9,6 +9,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from edvo import kernels
+
 SPEED_OF_LIGHT = 299_792_458.0
 """Metres a second."""
 
@@ -60,8 +62,12 @@ class StructuredLightNoise:
 
     def sigma_z(self, depth: ArrayLike) -> NDArray[np.float64]:
         """Give the standard deviation in metres of depths in metres."""
-        z = np.asarray(depth, dtype=np.float64)
-        return np.asarray(self.floor + self.slope * (z - self.nearest) ** 2)
+        z = np.asarray(depth, dtype=np.float64, order="C")
+        sigma = np.empty_like(z)
+        kernels.structured_light_noise(
+            z.reshape(-1), self.floor, self.slope, self.nearest, sigma.reshape(-1)
+        )
+        return sigma
 
 
 @dataclass(frozen=True)

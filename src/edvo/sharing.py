@@ -135,7 +135,7 @@ class SharedErrors:
             return
         share = min(seconds / MEMORY_S, 1.0)
         if self._asks_edges:
-            factor, wide = (self._edge_factor(reference, alignment, k) for k in (1, WIDE))
+            factor, wide = self._edge_factors(reference, alignment)
             if not math.isnan(factor):
                 self._sigma, self._count = alignment.sigma_px, self._matches
                 each, each_wide = (factor - 1.0) / self._count, (wide - 1.0) / self._count
@@ -164,9 +164,9 @@ class SharedErrors:
                 self._depth_share = _mean_of_late(self._depth_share, each, share)
                 self._seconds += seconds
 
-    def _edge_factor(self, reference: EdgePixels, alignment: Alignment, times: int) -> float:
-        """By what cells add to the variance that are so many times as wide as the usual ones."""
-        return kernels.shared_factor(
+    def _edge_factors(self, reference: EdgePixels, alignment: Alignment) -> tuple[float, float]:
+        """By what cells add to the variance: the usual ones, and wide ones."""
+        return kernels.shared_factors(
             reference.pixels,
             reference.gradients,
             alignment.matches,
@@ -174,9 +174,10 @@ class SharedErrors:
             self._solver.weight,
             self._solver.tuning,
             alignment.sigma_px,
-            times * self._cell,
-            math.ceil(self._rows / times),
-            math.ceil(CELLS / times),
+            self._cell,
+            self._rows,
+            CELLS,
+            WIDE,
         )
 
     def term(self, term: DepthTerm, seconds: float = 0.0) -> DepthTerm:

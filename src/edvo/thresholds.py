@@ -67,8 +67,7 @@ def exceeded(counts: NDArray[np.int32], share: float) -> int:
     -------
     int
     """
-    as_strong = counts[::-1].cumsum()[::-1]
-    return max(int(np.count_nonzero(as_strong > share * as_strong[0])) - 1, 0)
+    return kernels.exceeded(counts, share)
 
 
 def undercut(counts: NDArray[np.int32], share: float) -> float:
@@ -88,5 +87,4 @@ def undercut(counts: NDArray[np.int32], share: float) -> float:
     float
         Between two whole numbers; 0 where no pixel has any.
     """
-    as_weak = counts[1:].cumsum()
-    return float(np.searchsorted(as_weak, share * as_weak[-1]) + 0.5) if as_weak[-1] else 0.0
+    return kernels.undercut(counts, share)
