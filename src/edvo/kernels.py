@@ -346,14 +346,19 @@ def sum_columns(a: U8, b: U8, c: U8, d: U8, e: U8, sums: I16) -> None:
 
 @lean_float
 def blur_row(sums: I16, bits: np.int32, smooth: I16) -> None:
-    """Do the same along a row, rounded to so many bits less, behind the first place."""
-    four, six, half = np.int32(4), np.int32(6), np.int32((np.int32(1) << bits) >> np.int32(1))
+    """Do the same along a row, rounded to so many bits less, behind the first place.
+
+    Sums are at most 16 x 16 x 255, so that 16 bits without a sign hold them: more of these fit into
+    a vector.
+    """
+    short = np.uint16
+    four, six, half = short(4), short(6), short((np.int32(1) << bits) >> np.int32(1))
     for u in range(smooth.size - 2):
-        outer = np.int32(np.int32(sums[u]) + np.int32(sums[u + 4]))
-        inner = np.int32(np.int32(sums[u + 1]) + np.int32(sums[u + 3]))
-        total = np.int32(outer + np.int32(four * inner))
-        total = np.int32(total + np.int32(six * np.int32(sums[u + 2])))
-        smooth[u + 1] = np.int16(np.int32(np.int32(total + half) >> bits))
+        outer = short(short(sums[u]) + short(sums[u + 4]))
+        inner = short(short(sums[u + 1]) + short(sums[u + 3]))
+        total = short(outer + short(four * inner))
+        total = short(total + short(six * short(sums[u + 2])))
+        smooth[u + 1] = np.int16(short(short(total + half) >> short(bits)))
 
 
 @lean_float
@@ -1625,6 +1630,7 @@ def draw_samples(
     found = np.full(n, np.float32(-1))  # depth of what was drawn; 0 where it has none
     # cells come in random order, in case there are more of them than count allows
     cells = np.arange(start.size - 1).astype(np.int32)
+    undrawn = start[:-1].copy()  # from where on a cell's edges are
     left = count
     rest = np.int64(0)
     for turn in range(cells.size):
@@ -1639,8 +1645,9 @@ def draw_samples(
             if found[i] > 0:
                 taken += 1
                 left -= 1
-    for k in range(n):  # what no cell has drawn moves to the front of the pool
-        if found[place(pool[k])] < 0:
+        undrawn[c] = first
+    for c in range(undrawn.size):  # what no cell has drawn moves to the front of the pool
+        for k in range(place(undrawn[c]), place(start[c + 1])):
             pool[place(rest)] = pool[k]
             rest += 1
     first = np.int64(0)  # a plain 0 would have its own compiled variant

@@ -56,6 +56,12 @@ class Estimate:
     Attributes
     ----------
     wanted : bool
+    likely : float
+        The most likely one, and
+    variance : float
+        its variance.
+    value : float
+        The most likely one, or 0 as long as that is not to be told from it.
     """
 
     def __init__(self, expected: float, *, wanted: bool = True) -> None:
@@ -65,22 +71,14 @@ class Estimate:
 
     def forget(self) -> None:
         """Know nothing but the prior."""
-        self._information, self._sum = 0.0, 0.0
+        self._know(0.0, 0.0)
 
-    @property
-    def likely(self) -> float:
-        """The most likely one."""
-        return self._sum * self.variance
-
-    @property
-    def variance(self) -> float:
-        """Of the most likely one."""
-        return 1 / (self._information + 1 / self._variance)
-
-    @property
-    def value(self) -> float:
-        """The most likely one, or 0 as long as that is not to be told from it."""
-        return self.likely if self.likely**2 > SURE * SURE * self.variance else 0.0
+    def _know(self, information: float, weighted: float) -> None:
+        """Set what is known, and what follows from it, which is asked ten times a frame."""
+        self._information, self._sum = information, weighted
+        self.variance = 1 / (information + 1 / self._variance)
+        self.likely = weighted * self.variance
+        self.value = self.likely if self.likely**2 > SURE * SURE * self.variance else 0.0
 
     def is_known(self, sigma: float) -> bool:
         """Say whether it is certain, or not asked for.
@@ -113,8 +111,7 @@ class Estimate:
         if not off * off <= GATE * GATE * information * (1 + information * self._variance):
             return  # nor is what is no number taken
         fade = math.exp(-seconds / MEMORY_S)
-        self._information = fade * self._information + information
-        self._sum = fade * self._sum + weighted
+        self._know(fade * self._information + information, fade * self._sum + weighted)
 
     def learn(
         self, told: Equations, alignment: Alignment, seconds: float, least_px: float = 0.0
