@@ -57,6 +57,7 @@ ROOT_OF_HALF = np.int32(np.float32(np.sqrt(0.5)).view(np.int32))  # its bits
 FLAT = np.float32(1e-6)  # a bend of less than that is none: logarithms are not more exact
 PATCHES = 64  # of edges, that are at hand together: they stay in the nearest cache
 BATCH = 1024  # edges whose gradients are at hand together: they stay in the nearest cache
+ROW_1, ROW_2, ROW_3, ROW_4, ROW_5, ROW_6, ROW_7 = (np.uint64(i * BATCH) for i in range(1, 8))
 # The patch that tells the depth of an edge: so many pixels to either side, and half as long;
 ACROSS, HALF_LENGTH = 3, 1
 HALF_SQUARES = float(sum(j * j for j in range(-HALF_LENGTH, HALF_LENGTH + 1)))
@@ -643,6 +644,12 @@ def find_vertices(before: F32, middle: F32, after: F32, skews: F32, bends: F32, 
         ways[i] = min(max(way, -one), one)
 
 
+@lean
+def three(values: I16, i: np.int64, beside: int) -> np.int64:
+    """Sum three values that lie side by side, so far apart."""
+    return np.int64(values[place(i - beside)]) + values[place(i)] + values[place(i + beside)]
+
+
 @compiled
 def gather_gradients(index: I32, dx: I16, dy: I16, before: F32, middle: F32, after: F32) -> None:
     """Gradients in the direction of that of each edge, at the pixel before it, there, and after it.
@@ -661,15 +668,82 @@ def gather_gradients(index: I32, dx: I16, dy: I16, before: F32, middle: F32, aft
             gu, gv = np.int64(across[place(here)]), np.int64(down[place(here)])
             level = abs(gu) >= abs(gv)
             along, beside = (1, width) if level else (width, 1)
-            a, b, c = 0, 0, 0
-            for j in (here - beside, here, here + beside):
-                i = place(j - along)
-                a += across[i] * gu + down[i] * gv
-                i = place(j)
-                b += across[i] * gu + down[i] * gv
-                i = place(j + along)
-                c += across[i] * gu + down[i] * gv
+            i, j = here - along, here + along
+            a = three(across, i, beside) * gu + three(down, i, beside) * gv
+            b = three(across, here, beside) * gu + three(down, here, beside) * gv
+            c = three(across, j, beside) * gu + three(down, j, beside) * gv
             before[k], middle[k], after[k] = a, b, c  # of whole grey levels exact, else to 6e-8
+
+
+@lean_float
+def place_edges(
+    index: I32, dx: I16, dy: I16, width: int, ways: F32, pixels: F32, gradients: F32
+) -> None:
+    """Move pixels by ``ways``, each along a row or a column, and make gradients unit ones.
+
+    ``dx`` and ``dy`` are those of the whole image, flat.
+    """
+    per_width, one = 1 / width, np.float32(1)
+    for k in range(place(index.size)):
+        i = place(index[k])
+        gu, gv, way = np.float32(dx[i]), np.float32(dy[i]), np.float64(ways[k])
+        level = abs(gu) >= abs(gv)
+        v, u = row_and_column(np.int64(index[k]), per_width, width)
+        pixels[k, 0], pixels[k, 1] = u + (way if level else 0.0), v + (0.0 if level else way)
+        norm = one / np.sqrt(gu * gu + gv * gv)
+        gradients[k, 0], gradients[k, 1] = gu * norm, gv * norm
+
+
+@lean_float
+def gather_lens(
+    index: I32, dx: I16, dy: I16, table: F32, width: int, height: int, room: F32
+) -> None:
+    """Write what a lens does to edges: ideal pixel, how it changes with u and v, and gradient.
+
+    Eight lists, a ``BATCH`` apart. ``table`` (H W, 2) is that of `describe_edges`; ``dx`` and
+    ``dy`` are flat, too.
+    """
+    per_width, one, half = 1 / width, np.float32(1), np.float32(0.5)
+    for k in range(place(index.size)):
+        i = place(index[k])
+        v, u = row_and_column(np.int64(index[k]), per_width, width)
+        left, right, over, under = u > 0, u < width - 1, v > 0, v < height - 1
+        per_u, per_v = half if left & right else one, half if over & under else one
+        before, after = i - place(left), i + place(right)
+        above, below = i - place(width if over else 0), i + place(width if under else 0)
+        room[k], room[k + ROW_1] = table[i, 0], table[i, 1]
+        room[k + ROW_2] = (table[after, 0] - table[before, 0]) * per_u
+        room[k + ROW_3] = (table[after, 1] - table[before, 1]) * per_u
+        room[k + ROW_4] = (table[below, 0] - table[above, 0]) * per_v
+        room[k + ROW_5] = (table[below, 1] - table[above, 1]) * per_v
+        room[k + ROW_6], room[k + ROW_7] = np.float32(dx[i]), np.float32(dy[i])
+
+
+@lean_float
+def undo_lens(room: F32, ways: F32) -> None:
+    """Put ideal pixel and unit gradient in place of the pixel and gradient of `gather_lens`.
+
+    Edges are moved by ``ways`` first. Of one array at fixed distances: on vectors.
+    """
+    one = np.float32(1)
+    for k in range(place(ways.size)):
+        uu, vu, uv, vv = room[k + ROW_2], room[k + ROW_3], room[k + ROW_4], room[k + ROW_5]
+        gu, gv, way = room[k + ROW_6], room[k + ROW_7], np.float64(ways[k])
+        level = abs(gu) >= abs(gv)
+        ou, ov = way if level else 0.0, 0.0 if level else way
+        room[k] = room[k] + (uu * ou + uv * ov)
+        room[k + ROW_1] = room[k + ROW_1] + (vu * ou + vv * ov)
+        # a gradient is a covector: it goes over by the inverse transpose
+        du, dv = vv * gu - vu * gv, uu * gv - uv * gu
+        norm = one / np.sqrt(du * du + dv * dv)
+        room[k + ROW_6], room[k + ROW_7] = du * norm, dv * norm
+
+
+@lean_float
+def pair_up(u: F32, v: F32, pairs: F32) -> None:
+    """Write two lists side by side."""
+    for k in range(pairs.shape[0]):
+        pairs[k, 0], pairs[k, 1] = u[k], v[k]
 
 
 @compiled
@@ -689,37 +763,24 @@ def describe_edges(
     to its gradient, to the vertex of the Gaussian through three gradients (after Devernay 1995).
     """
     height, width = dx.shape
-    per_width = 1 / width
-    room = np.empty((6, min(index.size, BATCH)), np.float32)
-    for k in range(index.size):
-        v, u = row_and_column(index[k], per_width, width)
-        gu, gv = np.float32(dx[v, u]), np.float32(dy[v, u])
-        ou, ov = 0.0, 0.0
+    across, down, flat = dx.ravel(), dy.ravel(), table.reshape(-1, 2)
+    most = min(index.size, BATCH)
+    room, lens = np.zeros((6, most), np.float32), np.empty((8, BATCH), np.float32)
+    for first in range(0, index.size, BATCH):
+        last = min(first + BATCH, index.size)
+        n, some = last - first, index[first:last]
+        ways = room[5][:n]
         if finely:
-            if k % BATCH == 0:
-                n = min(index.size - k, BATCH)
-                before, middle, after = room[0][:n], room[1][:n], room[2][:n]
-                gather_gradients(index[k:], dx, dy, before, middle, after)
-                find_vertices(before, middle, after, room[3][:n], room[4][:n], room[5][:n])
-            way = room[5, k % BATCH]
-            ou, ov = (way, 0.0) if abs(gu) >= abs(gv) else (0.0, way)
+            before, middle, after = room[0][:n], room[1][:n], room[2][:n]
+            gather_gradients(some, dx, dy, before, middle, after)
+            find_vertices(before, middle, after, room[3][:n], room[4][:n], ways)
         if table.size == 0:
-            pixels[k, 0], pixels[k, 1] = u + ou, v + ov
+            place_edges(some, across, down, width, ways, pixels[first:last], gradients[first:last])
         else:
-            pixels[k, 0], pixels[k, 1] = table[v, u, 0], table[v, u, 1]
-            u0, u1 = max(u - 1, 0), min(u + 1, width - 1)
-            v0, v1 = max(v - 1, 0), min(v + 1, height - 1)
-            su, sv = np.float32(u1 - u0), np.float32(v1 - v0)
-            uu = (table[v, u1, 0] - table[v, u0, 0]) / su
-            vu = (table[v, u1, 1] - table[v, u0, 1]) / su
-            uv = (table[v1, u, 0] - table[v0, u, 0]) / sv
-            vv = (table[v1, u, 1] - table[v0, u, 1]) / sv
-            pixels[k, 0] += uu * ou + uv * ov
-            pixels[k, 1] += vu * ou + vv * ov
-            # a gradient is a covector: it goes over by the inverse transpose
-            gu, gv = vv * gu - vu * gv, uu * gv - uv * gu
-        norm = np.float32(1) / np.sqrt(gu * gu + gv * gv)
-        gradients[k, 0], gradients[k, 1] = gu * norm, gv * norm
+            gather_lens(some, across, down, flat, width, height, lens.ravel())
+            undo_lens(lens.ravel(), ways)
+            pair_up(lens[0], lens[1], pixels[first:last])
+            pair_up(lens[6], lens[7], gradients[first:last])
 
 
 @compiled
@@ -830,11 +891,26 @@ def depth_at(depth: F32, u: int, v: int, radius: int, gap: float) -> np.float32:
 @compiled
 def depths_at(depth: F32, index: I32, radius: int, gap: float, depths: F32) -> None:
     """Write the depth of each edge given by its flat index."""
-    width = depth.shape[1]
-    per_width = 1 / width
+    height, width = depth.shape
+    per_width, ratio, flat = 1 / width, np.float32(1 + gap), depth.ravel()
+    zero, infinite = np.float32(0), np.float32(np.inf)
+    side = 2 * radius + 1
     for i in range(index.size):
-        v, u = row_and_column(index[i], per_width, width)
-        depths[i] = depth_at(depth, u, v, radius, gap)
+        v, u = row_and_column(np.int64(index[i]), per_width, width)
+        near, far, total, count = infinite, zero, zero, 0
+        if radius <= u < width - radius and radius <= v < height - radius:
+            first = place(index[i] - radius * width - radius)
+            for _ in range(side):  # without a branch, as most windows span no gap
+                for col in range(place(side)):
+                    z = flat[first + place(col)]
+                    near, far = min(near, z if z > 0 else infinite), max(far, z)
+                    total += z
+                    count += int(z > 0)
+                first += place(width)
+        if count > 0 and far <= near * ratio:
+            depths[i] = total / np.float32(count)
+        else:
+            depths[i] = depth_at(depth, u, v, radius, gap)
 
 
 # --------------------------------------------------------------------------------------- planes
@@ -1781,16 +1857,18 @@ def build_grid(pixels: F32, gradients: F32, cell: float) -> Grid:
     cell_of = np.empty(n, np.int32)
     for i in range(n):
         col, row = int((pixels[i, 0] - left) * inverse), int((pixels[i, 1] - top) * inverse)
-        cell_of[i] = row * cols + col
-        start[cell_of[i] + 1] += 1
+        in_cell = place(row * cols + col)
+        cell_of[i] = in_cell
+        start[in_cell + place(1)] += 1
     for c in range(rows * cols):
         start[c + 1] += start[c]
     fill = start[:-1].copy()
     points = np.empty((n, 4), np.float32)
     order = np.empty(n, np.int32)
     for i in range(n):
-        k = fill[cell_of[i]]
-        fill[cell_of[i]] += 1
+        in_cell = place(cell_of[i])
+        k = place(fill[in_cell])
+        fill[in_cell] += 1
         order[k] = i
         points[k, 0], points[k, 1] = pixels[i, 0], pixels[i, 1]
         points[k, 2], points[k, 3] = gradients[i, 0], gradients[i, 1]
