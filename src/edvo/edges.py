@@ -267,9 +267,15 @@ def edges_to_keep(
         return image, len(image)
     scales = image.scales or threshold_scales(buffers.du, buffers.dv, config)
     scale = share * scales.faint
-    every = image if scale == image.scale else _canny_edges(config, buffers, scale)
     if scale == scales.usual:
+        every = image if scale == image.scale else _canny_edges(config, buffers, scale)
         return every, len(every)
+    if image.scale == scales.usual:  # lower thresholds find all of these, and fainter ones
+        _mark(config, buffers, scale)
+        buffers.mask.reshape(-1)[image.index] = 0
+        faint = _collected(config, buffers, scale)
+        return replace(faint, index=np.concatenate((image.index, faint.index))), len(image)
+    every = image if scale == image.scale else _canny_edges(config, buffers, scale)
     order = np.empty_like(every.index)
     count = kernels.put_strong_first(
         every.index,
@@ -292,9 +298,14 @@ def _bounds(config: EdgesConfig, scale: float) -> tuple[np.int32, np.int32]:
 
 def _canny_edges(config: EdgesConfig, buffers: EdgeBuffers, scale: float) -> EdgeImage:
     """Edges by Canny: non-maximum suppression and two thresholds on ``|du| + |dv|``."""
+    _mark(config, buffers, scale)
+    return _collected(config, buffers, scale)
+
+
+def _mark(config: EdgesConfig, buffers: EdgeBuffers, scale: float) -> None:
+    """Mark the edges that Canny finds."""
     low, high = _bounds(config, scale)
     kernels.canny_edges(buffers.du, buffers.dv, low, high, buffers.mask, buffers.room)
-    return _collected(config, buffers, scale)
 
 
 def _collected(config: EdgesConfig, buffers: EdgeBuffers, scale: float = 1.0) -> EdgeImage:
