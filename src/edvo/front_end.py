@@ -16,7 +16,7 @@ from edvo.edges import EdgeBuffers, EdgeImage, EdgePixels, edges_to_keep, extrac
 from edvo.frame import Frame
 from edvo.keyframes import Keyframe
 from edvo.look import Look
-from edvo.planes import PlaneFitter, thinned
+from edvo.planes import PlaneFitter, PlaneMap, thinned
 from edvo.registration import Alignment, Registration
 from edvo.reobservation import Reobserved
 from edvo.sampling import sample_edges
@@ -178,6 +178,7 @@ class FrontEnd:
         piece: int,
         edges: EdgePixels | None = None,
         telling: int | None = None,
+        planes: PlaneMap | None = None,
     ) -> Keyframe:
         """Make a keyframe.
 
@@ -194,6 +195,8 @@ class FrontEnd:
             Of the frame; described anew where not given.
         telling : int, optional
             How many of them, the first ones, tell places; all of them where not given.
+        planes : PlaneMap, optional
+            Of its depth image; found anew where not given.
 
         Returns
         -------
@@ -205,12 +208,14 @@ class FrontEnd:
             samples = samples.every(max(math.ceil(len(samples) / usual), 1))
         first = len(edges) if telling is None else telling
         every, tells = self._registration.indices(edges, first)
+        if planes is None:
+            planes = self._fitter.planes(seen.frame.depth, seen.T_cam_depth, fine=seen.is_fine)
         return Keyframe(
             index=index,
             T_world_key=rigid(T_world_key),
             edges=every,
             telling=tells,
-            planes=self._fitter.planes(seen.frame.depth, seen.T_cam_depth, fine=seen.is_fine),
+            planes=planes,
             samples=samples,
             points=thinned(seen.points, self._config.planes.point_step_px),
             look=Look(tells.edges, self._camera),

@@ -1,8 +1,8 @@
 """Upkeep of keyframes: when the next one is made, what is added to it, and what is found back by.
 
-A keyframe is made in the time of two frames: its edges are found in that of its own, and the rest
-is made of them in that of the next, so that neither waits for all of it. Edges are added to it
-in the time of the frame after.
+A keyframe is made in the time of two frames: its edges and planes are found in that of its own,
+and the rest is made of the edges in that of the next, so that neither waits for all of it. Edges
+are added to it in the time of the frame after.
 """
 
 import logging
@@ -20,6 +20,7 @@ from edvo.keyframes import Keyframe, KeyframeStore, is_due
 from edvo.kit import Kit
 from edvo.last_good import LastGood
 from edvo.pieces import Pieces
+from edvo.planes import PlaneMap
 from edvo.search import Seen, is_apart
 from edvo.window import KeyframeWindow
 
@@ -34,6 +35,7 @@ class _Due:
     index: int
     velocity: NDArray[np.float64] | None
     telling: int = 0  # how many of its edges, the first ones, tell places
+    planes: PlaneMap | None = None  # of its depth
     is_placed: bool = False  # by the window
     T_key_cur: NDArray[np.float64] | None = None  # where the keyframe stays, and gathers its edges
 
@@ -72,7 +74,7 @@ class Upkeep:
         if due is not None and due.T_key_cur is not None:
             self._gather(due.seen, due.T_key_cur, due.velocity)
         elif due is not None:
-            keyframe = self._finish(due.seen, due.telling, due.index, due.velocity)
+            keyframe = self._finish(due.seen, due.telling, due.planes, due.index, due.velocity)
             if due.is_placed:
                 self._window.take(keyframe)
 
@@ -135,8 +137,8 @@ class Upkeep:
             placed_by = covariance if together else None
             if placed_by is not None:
                 T_key_cur = self._place(seen, T_key_cur, placed_by)
-            kept, telling = self._with_edges(seen.kept(), velocity)
-            self._due = _Due(kept, index, velocity, telling, placed_by is not None)
+            kept, telling, planes = self._with_edges(seen.kept(), velocity)
+            self._due = _Due(kept, index, velocity, telling, planes, placed_by is not None)
         elif velocity is not None:
             self._renew(velocity)
         return T_key_cur, due
@@ -157,11 +159,13 @@ class Upkeep:
         -------
         Keyframe
         """
-        kept, telling = self._with_edges(seen, velocity)
-        return self._finish(kept, telling, index, velocity)
+        kept, telling, planes = self._with_edges(seen, velocity)
+        return self._finish(kept, telling, planes, index, velocity)
 
-    def _with_edges(self, seen: Seen, velocity: NDArray[np.float64] | None) -> tuple[Seen, int]:
-        """Find the edges that a keyframe is to have, and how many of them tell places."""
+    def _with_edges(
+        self, seen: Seen, velocity: NDArray[np.float64] | None
+    ) -> tuple[Seen, int, PlaneMap]:
+        """Find edges that a keyframe is to have, how many of them tell places, and its planes."""
         with self._clock("keyframe"):
             if velocity is not None:  # measured by now, no longer expected
                 T_cam_depth = self._instants.depth.motion(velocity, seen.frame.depth_delay)
@@ -170,10 +174,16 @@ class Upkeep:
             if velocity is not None and kept.samples is not seen.samples:  # those were by then
                 samples = self._instants.rolling.unrolled(kept.samples, velocity)
                 kept = replace(kept, samples=samples)
-        return kept, telling
+            planes = self._fitter.planes(seen.frame.depth, seen.T_cam_depth, fine=seen.is_fine)
+        return kept, telling, planes
 
     def _finish(
-        self, kept: Seen, telling: int, index: int, velocity: NDArray[np.float64] | None
+        self,
+        kept: Seen,
+        telling: int,
+        planes: PlaneMap | None,
+        index: int,
+        velocity: NDArray[np.float64] | None,
     ) -> Keyframe:
         """Make the keyframe of what was seen last, and of the edges found for it."""
         with self._clock("keyframe"):
@@ -185,6 +195,7 @@ class Upkeep:
                 self._pieces.here,
                 self._instants.unrolled(edges, kept, velocity),
                 telling,
+                planes,
             )
             self.take(keyframe)
             self._instants.hold(keyframe, kept, edges, velocity)
