@@ -90,9 +90,8 @@ def test_moving_edges_equals_its_numpy_twin(typical):
     velocity = 5 * VELOCITY
     pinhole = camera_of(CAMERA)
     moved, moved_depths = np.empty_like(pixels), np.empty_like(depths)
-    kernels.unroll_pixels(
-        pixels, depths, np.float32(typical), rows, velocity, pinhole, moved, moved_depths
-    )
+    how = depths, np.float32(typical), rows, velocity, pinhole
+    kernels.unroll_pixels(pixels.ravel(), *how, moved.ravel(), moved_depths)
     wanted, wanted_depths = twins.unroll_pixels(pixels, depths, typical, rows, velocity, CAMERA)
     np.testing.assert_allclose(moved, wanted, atol=1e-3)
     np.testing.assert_allclose(moved_depths, wanted_depths, rtol=1e-5)

@@ -700,8 +700,8 @@ def gather_lens(
 ) -> None:
     """Write what a lens does to edges: ideal pixel, how it changes with u and v, and gradient.
 
-    Eight lists, a ``BATCH`` apart. ``table`` (H W, 2) is that of `describe_edges`; ``dx`` and
-    ``dy`` are flat, too.
+    Eight lists, a ``BATCH`` apart. ``table`` is that of `describe_edges`; it, ``dx`` and ``dy`` are
+    flat.
     """
     per_width, one, half = 1 / width, np.float32(1), np.float32(0.5)
     for k in range(place(index.size)):
@@ -709,13 +709,14 @@ def gather_lens(
         v, u = row_and_column(np.int64(index[k]), per_width, width)
         left, right, over, under = u > 0, u < width - 1, v > 0, v < height - 1
         per_u, per_v = half if left & right else one, half if over & under else one
-        before, after = i - place(left), i + place(right)
-        above, below = i - place(width if over else 0), i + place(width if under else 0)
-        room[k], room[k + ROW_1] = table[i, 0], table[i, 1]
-        room[k + ROW_2] = (table[after, 0] - table[before, 0]) * per_u
-        room[k + ROW_3] = (table[after, 1] - table[before, 1]) * per_u
-        room[k + ROW_4] = (table[below, 0] - table[above, 0]) * per_v
-        room[k + ROW_5] = (table[below, 1] - table[above, 1]) * per_v
+        here, row = i + i, place(width + width)
+        before, after = here - place(left + left), here + place(right + right)
+        above, below = here - (row if over else place(0)), here + (row if under else place(0))
+        room[k], room[k + ROW_1] = table[here], table[here + place(1)]
+        room[k + ROW_2] = (table[after] - table[before]) * per_u
+        room[k + ROW_3] = (table[after + place(1)] - table[before + place(1)]) * per_u
+        room[k + ROW_4] = (table[below] - table[above]) * per_v
+        room[k + ROW_5] = (table[below + place(1)] - table[above + place(1)]) * per_v
         room[k + ROW_6], room[k + ROW_7] = np.float32(dx[i]), np.float32(dy[i])
 
 
@@ -741,9 +742,9 @@ def undo_lens(room: F32, ways: F32) -> None:
 
 @lean_float
 def pair_up(u: F32, v: F32, pairs: F32) -> None:
-    """Write two lists side by side."""
-    for k in range(pairs.shape[0]):
-        pairs[k, 0], pairs[k, 1] = u[k], v[k]
+    """Write two lists side by side, into a flat array of pairs."""
+    for k in range(place(pairs.size // 2)):
+        pairs[place(k + k)], pairs[place(k + k) + place(1)] = u[k], v[k]
 
 
 @compiled
@@ -763,7 +764,7 @@ def describe_edges(
     to its gradient, to the vertex of the Gaussian through three gradients (after Devernay 1995).
     """
     height, width = dx.shape
-    across, down, flat = dx.ravel(), dy.ravel(), table.reshape(-1, 2)
+    across, down, flat = dx.ravel(), dy.ravel(), table.ravel()
     most = min(index.size, BATCH)
     room, lens = np.zeros((6, most), np.float32), np.empty((8, BATCH), np.float32)
     for first in range(0, index.size, BATCH):
@@ -779,8 +780,8 @@ def describe_edges(
         else:
             gather_lens(some, across, down, flat, width, height, lens.ravel())
             undo_lens(lens.ravel(), ways)
-            pair_up(lens[0], lens[1], pixels[first:last])
-            pair_up(lens[6], lens[7], gradients[first:last])
+            pair_up(lens[0], lens[1], pixels[first:last].ravel())
+            pair_up(lens[6], lens[7], gradients[first:last].ravel())
 
 
 @compiled
@@ -2386,12 +2387,15 @@ def unroll_pixels(
     """Write where edges would be at the instant of the image, each seen ``rows`` seconds after it.
 
     Where an edge has no depth (0) it is taken to be at the ``typical`` one. One so near that it
-    would come twice as near, or has no usable projection, stays.
+    would come twice as near, or has no usable projection, stays. ``pixels`` and ``moved`` (2 N,)
+    are flat: of rows, whose distance in memory it would not know, vectors are not made.
     """
     a, b, c, p, q, r = velocity
     per_fx, per_fy = 1 / camera.fx, 1 / camera.fy
-    for i in range(rows.size):
-        u, v, known = pixels[i, 0], pixels[i, 1], depths[i]
+    for i in range(place(rows.size)):
+        to_u = place(i + i)
+        to_v = to_u + place(1)
+        u, v, known = pixels[to_u], pixels[to_v], depths[i]
         z = np.float64(known if known > 0 else typical)
         x, y = (u - camera.cx) * per_fx, (v - camera.cy) * per_fy
         s, near = rows[i], 1 / z  # the inverse, so that the depth may be infinite
@@ -2399,8 +2403,8 @@ def unroll_pixels(
         moves = (z >= MIN_DEPTH) & (w >= 0.5)  # no branch: on vectors
         du = (x + s * (a * near + q - r * y)) / w * camera.fx + camera.cx
         dv = (y + s * (b * near + r * x - p)) / w * camera.fy + camera.cy
-        moved[i, 0] = du if moves else u
-        moved[i, 1] = dv if moves else v
+        moved[to_u] = du if moves else u
+        moved[to_v] = dv if moves else v
         moved_depths[i] = known * w if moves else known
 
 

@@ -177,5 +177,7 @@ def unroll(
         known = known[known > 0] if known.any() else depths[depths > 0]
         typical = np.float32(np.median(known)) if len(known) else typical
     pixels, moved = np.empty_like(edges.pixels), np.empty_like(depths)
-    kernels.unroll_pixels(edges.pixels, depths, typical, rows, velocity, camera, pixels, moved)
+    kernels.unroll_pixels(
+        edges.pixels.ravel(), depths, typical, rows, velocity, camera, pixels.ravel(), moved
+    )
     return EdgePixels(pixels, edges.gradients, moved)
