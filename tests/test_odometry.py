@@ -286,6 +286,27 @@ def test_a_keyframe_is_made_for_the_velocity_it_was_taken_at(room, monkeypatch):
     np.testing.assert_array_equal(given[1], velocity)
 
 
+def test_a_keyframe_is_made_in_the_time_of_two_frames(room, monkeypatch):
+    frames, _ = room
+    odometry, done = gaps(), []
+
+    def watch(part, name):
+        make = getattr(part, name)
+
+        def noted(*args, **options):
+            done.append((name, len(results)))
+            return make(*args, **options)
+
+        monkeypatch.setattr(part, name, noted)
+
+    watch(odometry._fitter, "planes")
+    watch(odometry._registration, "indices")
+    results = []
+    for frame in frames[:5]:
+        results.append(odometry.track(frame))
+    assert done == [("planes", 0), ("indices", 0), ("planes", 3), ("indices", 4)]
+
+
 def test_what_is_held_of_the_first_keyframe_is_a_copy(room):
     frames, _ = room
     depth = frames[0].depth.copy()
