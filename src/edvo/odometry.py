@@ -1,6 +1,7 @@
 """The main loop: one frame in, one pose out (§III-§V)."""
 
 import logging
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -316,7 +317,9 @@ class Odometry:
 
     def _begin(self, seen: Seen) -> TrackedFrame:
         """Take the first usable frame as the first keyframe."""
-        self._upkeep.make(seen.kept(), self._record.count, None)
+        # all that follows is held against its planes, and here there is time
+        fine = self.config.planes.finer == "measured"
+        self._upkeep.make(replace(seen.kept(), is_fine=fine), self._record.count, None)
         self._course.last_time = timestamp = seen.frame.timestamp
         self._standing.remember(seen)
         self._doubt.begin(seen)
