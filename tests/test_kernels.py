@@ -337,6 +337,27 @@ def test_median_scale(rng, n):
     assert sigma == pytest.approx(expected, rel=1e-12)
 
 
+@pytest.mark.parametrize(
+    "of",
+    [
+        lambda r: r * 1e-9,  # below the bins of the histogram,
+        lambda r: r * 1e9,  # above,
+        lambda r: np.where(r < 0, 0.0, 1e300),  # and not to be had in single precision
+        np.round,
+        np.ones_like,
+    ],
+)
+def test_median_scale_is_exact_whatever_the_bins_hold(rng, of):
+    for n in range(1, 80):
+        residuals = of(rng.normal(size=n))
+        expected = max(robust.median_scale(residuals), 1e-12)
+        assert kernels.median_scale(residuals, n, 1e-12) == expected
+
+
+def test_a_scale_of_nothing_is_the_floor():
+    assert kernels.median_scale(np.empty(0), 0, 0.5) == 0.5
+
+
 @pytest.mark.parametrize("name", robust.WEIGHTS)
 def test_robust_weight_and_cost(name):
     tuning = robust.TUNING.get(name, 2.0)

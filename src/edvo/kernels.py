@@ -68,6 +68,8 @@ STEEP = 0.02  # of the depth, from pixel to pixel: what is turned away farther i
 ROUNDING = 1 / 12  # px^2, of a pixel that is the nearest to where it should be
 PRIOR = 1e-3  # (m or rad)^2 / px^2; what a motion is known to before the first edge is drawn
 MIN_PLANE_SIGMA = 0.02  # floor of the scale of distances to planes, in units of the noise
+# Bins of a histogram of residuals: 64 to an octave, from 2^-10 up; what is less is in the first
+SCALE_BINS, SCALE_SHIFT, LEAST_STEP = 1024, np.int32(23 - 6), np.int32((127 - 10) << 6)
 
 
 def compiled_with(**options: Any) -> Callable[[Function], Function]:
@@ -2205,8 +2207,44 @@ def student_scale(residuals: F64, count: int, nu: float, sigma: float, min_sigma
 
 @compiled
 def median_scale(residuals: F64, count: int, min_sigma: float) -> float:
-    """Scale by the median absolute residual, consistent with a Gaussian."""
-    return max(1.4826 * np.median(np.abs(residuals[:count])), min_sigma)
+    """Scale by the median absolute residual, consistent with a Gaussian.
+
+    A histogram tells which few of them have to be sorted for it. Its bins are shares of octaves:
+    what a single precision number has for leading bits, which keep the order.
+    """
+    if count == 0:
+        return min_sigma
+    leading = np.empty(count, np.float32)
+    bins, sizes = np.empty(count, np.int32), np.zeros(SCALE_BINS, np.int32)
+    for i in range(place(count)):
+        leading[i] = abs(residuals[i])
+    bits = leading.view(np.int32)
+    for i in range(place(count)):
+        step = (bits[i] >> SCALE_SHIFT) - LEAST_STEP
+        bins[i] = min(max(step, np.int32(0)), np.int32(SCALE_BINS - 1))
+    for i in range(place(count)):
+        sizes[place(bins[i])] += np.int32(1)
+    half = count // 2
+    middle, below = 0, 0  # the bin of the upper median, and how many lie in those below it
+    while below + sizes[middle] <= half:
+        below += sizes[middle]
+        middle += 1
+    among, kept, lower = np.empty(sizes[middle]), 0, 0.0
+    for i in range(place(count)):
+        if bins[i] == middle:
+            among[kept] = abs(residuals[i])
+            kept += 1
+    among.sort()
+    median = among[half - below]
+    if count % 2 == 0:
+        if half > below:
+            lower = among[half - below - 1]
+        else:
+            for i in range(place(count)):
+                if bins[i] < middle:
+                    lower = max(lower, abs(residuals[i]))
+        median = 0.5 * (lower + median)
+    return max(1.4826 * median, min_sigma)
 
 
 @lean
