@@ -234,8 +234,8 @@ def test_matching_equals_its_numpy_twin(seed):
     normal, Y, r = twins.match_planes(planes, points, CAMERA, T, term)
     assert count == len(r) > 50
     np.testing.assert_allclose(found.residuals[:count], r, rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(found.normal[:count], normal, rtol=1e-9)
-    np.testing.assert_allclose(found.Y[:count], Y, rtol=1e-12)
+    np.testing.assert_allclose(found.normal[:, :count].T, normal, rtol=1e-9)
+    np.testing.assert_allclose(found.Y[:, :count].T, Y, rtol=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -248,15 +248,15 @@ def test_points_that_are_carried_keep_their_planes(seed):
     found, carried = kernels.new_plane_matches(300), kernels.new_plane_matches(300)
     count = kernels.match_planes(planes, points, pinhole, T, term, found)
     kernels.carry_points(found, count, step, carried)
-    Y = found.Y[:count] @ step[:3, :3].T + step[:3, 3]
-    np.testing.assert_allclose(carried.Y[:count], Y, rtol=1e-12)
-    np.testing.assert_array_equal(carried.normal[:count], found.normal[:count])
+    Y = found.Y[:, :count].T @ step[:3, :3].T + step[:3, 3]
+    np.testing.assert_allclose(carried.Y[:, :count].T, Y, rtol=1e-12)
+    np.testing.assert_array_equal(carried.normal[:, :count], found.normal[:, :count])
     np.testing.assert_array_equal(carried.point[:count], found.point[:count])
     # those that project onto the same plane are as far off it as if they were matched anew
     k, again = found.point[:count], kernels.new_plane_matches(300)
     kept = kernels.match_planes(planes, points, pinhole, step @ T, term, again)
     _, one, other = np.intersect1d(k, again.point[:kept], return_indices=True)
-    same = np.abs(again.normal[:kept][other] / found.normal[:count][one] - 1).max(axis=1) < 0.01
+    same = np.abs(again.normal[:, other] / found.normal[:, one] - 1).max(axis=0) < 0.01
     assert same.sum() > 0.8 * count
     r, moved = carried.residuals[:count][one][same], found.residuals[:count][one][same]
     np.testing.assert_allclose(r, again.residuals[:kept][other][same], rtol=0.01, atol=0.01)
@@ -331,7 +331,7 @@ def test_the_equations_are_those_of_finite_differences():
     sigma = 12.0
     H, b = np.empty((6, 6)), np.empty(6)
     kernels.plane_equations(found, count, sigma, H, b)
-    normal, Y, r = found.normal[:count], found.Y[:count], found.residuals[:count]
+    normal, Y, r = found.normal[:, :count].T, found.Y[:, :count].T, found.residuals[:count]
     J = np.empty((count, 6))
     for k in range(6):
         delta = np.zeros(6)
@@ -347,6 +347,24 @@ def test_the_equations_are_those_of_finite_differences():
     found.residuals[:count] += 1e-6
     slope = (kernels.plane_cost(found, count, 300, sigma) - cost) / 1e-6
     np.testing.assert_allclose(slope, (w * r).sum() / sigma**2, rtol=1e-4)
+
+
+@pytest.mark.parametrize("count", [0, 1, kernels.LANES - 1, kernels.LANES, 2 * kernels.LANES + 3])
+def test_sums_leave_out_none_and_take_no_more(count):
+    rng = np.random.default_rng(count)
+    near = kernels.new_plane_matches(count + 5)
+    for rows in (near.Y, near.normal, near.residuals):
+        rows[:] = rng.normal(size=rows.shape)
+        rows[..., count:] = np.nan
+    H, b, r = np.empty((6, 6)), np.empty(6), near.residuals[:count]
+    kernels.plane_equations(near, count, 0.4, H, b)
+    J = np.vstack((near.normal, np.cross(near.Y, near.normal, axis=0)))[:, :count]
+    w = np.maximum(1 - (r / 0.4 / kernels.TUKEY_TUNING) ** 2, 0) ** 2
+    np.testing.assert_allclose(H, (w * J) @ J.T, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(b, J @ (w * r), rtol=1e-9, atol=1e-9)
+    losses = [kernels.robust_cost(x * x / 0.16, kernels.TUKEY, kernels.TUKEY_TUNING) for x in r]
+    worst = kernels.TUKEY_TUNING**2 / 6
+    assert kernels.plane_cost(near, count, count + 2, 0.4) == pytest.approx(sum(losses) + 2 * worst)
 
 
 @pytest.fixture(scope="module")
@@ -447,7 +465,7 @@ def imbalance(registration, source, reference, samples, planes, points, term, fo
     matched = matches.edge >= 0
     Y, normal = matches.Y[matched], matches.normal[matched]
     edges = reference.grid.points[matches.edge[matched], :2]
-    near_Y, across = near.Y[:near_count], near.normal[:near_count]
+    near_Y, across = near.Y[:, :near_count].T, near.normal[:, :near_count].T
     offsets = np.einsum("ij,ij->i", across, near_Y) - near.residuals[:near_count]
 
     def costs(delta):

@@ -280,7 +280,7 @@ def test_planes_equal_their_numpy_twin():
     near = kernels.new_plane_matches(len(points.sigma))
     count = kernels.match_planes(planes, points, fitter._pinhole, T, fitter.term, near)
     assert count > 500
-    Y, n, r = near.Y[:count], near.normal[:count], near.residuals[:count]
+    Y, n, r = near.Y[:, :count].T, near.normal[:, :count].T, near.residuals[:count]
     J = np.hstack([n, np.cross(Y, n)])
     w = 0.3 * (0.4 / 0.8) ** 2 * np.clip(1 - (r / 0.8 / 4.685) ** 2, 0, None) ** 2
     np.testing.assert_allclose(H, J.T @ (w[:, None] * J), rtol=1e-6, atol=1e-6 * np.abs(H).max())

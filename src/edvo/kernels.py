@@ -68,6 +68,13 @@ STEEP = 0.02  # of the depth, from pixel to pixel: what is turned away farther i
 ROUNDING = 1 / 12  # px^2, of a pixel that is the nearest to where it should be
 PRIOR = 1e-3  # (m or rad)^2 / px^2; what a motion is known to before the first edge is drawn
 MIN_PLANE_SIGMA = 0.02  # floor of the scale of distances to planes, in units of the noise
+# What is summed goes to so many sums by turns, which are added last: so a loop runs on vectors,
+# and the result does not depend on how wide those are.
+LANES = 64
+PAIRS = 21  # of six derivatives, below the diagonal and on it
+# Rows of a table (TABLE, LANES) that sums are made of: the derivatives come first, and after the
+# last of these are a point, and what else is needed on the way
+RESIDUAL, WEIGHT, PUSH, SPARE, POINT, TABLE = 6, 7, 8, 9, 10, 16
 # Bins of a histogram of residuals: 64 to an octave, from 2^-10 up; what is less is in the first
 SCALE_BINS, SCALE_SHIFT, LEAST_STEP = 1024, np.int32(23 - 6), np.int32((127 - 10) << 6)
 
@@ -221,8 +228,8 @@ class Lag(NamedTuple):
 class PlaneMatches(NamedTuple):
     """State of the points' planes while a registration runs, packed to the front."""
 
-    Y: F64  # (M, 3) the point in the reference camera, m
-    normal: F64  # (M, 3) of its plane, over the noise across it, 1/m
+    Y: F64  # (3, M) the point in the reference camera, m
+    normal: F64  # (3, M) of its plane, over the noise across it, 1/m
     residuals: F64  # (M,) distance over that noise
     point: I32  # (M,) which point it is
 
@@ -1215,7 +1222,89 @@ def pack_points(offsets: F64, normals: F64, centres: F64, sigma: F64) -> int:
 @compiled
 def new_plane_matches(m: int) -> PlaneMatches:
     """State of the planes of m points, none of them found."""
-    return PlaneMatches(np.empty((m, 3)), np.empty((m, 3)), np.empty(m), np.empty(m, np.int32))
+    return PlaneMatches(np.empty((3, m)), np.empty((3, m)), np.empty(m), np.empty(m, np.int32))
+
+
+@lean_float
+def warp_points(
+    X: F64, first: np.uint64, stride: np.uint64, n: np.uint64, T: F64, Y: F64, at: np.uint64
+) -> None:
+    """Write n of the points X (M, 3), warped by T, into the columns of Y (3, M)."""
+    t00, t01, t02, t03 = T[0, 0], T[0, 1], T[0, 2], T[0, 3]
+    t10, t11, t12, t13 = T[1, 0], T[1, 1], T[1, 2], T[1, 3]
+    t20, t21, t22, t23 = T[2, 0], T[2, 1], T[2, 2], T[2, 3]
+    for lane in range(n):
+        i = first + lane * stride
+        x, y, z = X[i, 0], X[i, 1], X[i, 2]
+        Y[0, at + lane] = t00 * x + t01 * y + t02 * z + t03
+        Y[1, at + lane] = t10 * x + t11 * y + t12 * z + t13
+        Y[2, at + lane] = t20 * x + t21 * y + t22 * z + t23
+
+
+@lean_float
+def cells_of_points(
+    Y: F64, at: np.uint64, n: np.uint64, camera: Pinhole, planes: PlaneMap, cells: I32
+) -> None:
+    """Write into which cell of a plane map each of n columns of Y projects, -1 where in none."""
+    inverse = 1 / planes.step
+    fx, fy = camera.fx * inverse, camera.fy * inverse
+    cx, cy = camera.cx * inverse + 0.5, camera.cy * inverse + 0.5
+    wide, high, cols = float(planes.cols), float(planes.rows), np.int32(planes.cols)
+    for lane in range(n):
+        z = Y[2, at + lane]
+        u, v = fx * Y[0, at + lane] / z + cx, fy * Y[1, at + lane] / z + cy
+        inside = (z >= MIN_DEPTH) & (u >= 0) & (u < wide) & (v >= 0) & (v < high)
+        cell = np.int32(v if inside else 0.0) * cols + np.int32(u if inside else 0.0)
+        cells[lane] = cell if inside else np.int32(-1)
+
+
+@lean_float
+def keep_on_planes(
+    planes: PlaneMap,
+    points: PlanePoints,
+    first: np.uint64,
+    stride: np.uint64,
+    n: np.uint64,
+    T: F64,
+    term: DepthTerm,
+    cells: I32,
+    matches: PlaneMatches,
+    at: np.uint64,
+) -> int:
+    """Keep those of n points, warped into the columns from ``at`` on, that have a plane.
+
+    They are packed to the front of these columns; returns how many.
+    """
+    t00, t01, t02 = T[0, 0], T[0, 1], T[0, 2]
+    t10, t11, t12 = T[1, 0], T[1, 1], T[1, 2]
+    t20, t21, t22 = T[2, 0], T[2, 1], T[2, 2]
+    Y, normal = matches.Y, matches.normal
+    kept = 0
+    for lane in range(n):
+        if cells[lane] < 0:
+            continue
+        k, i = place(cells[lane]), first + lane * stride
+        offset = planes.offsets[k]
+        if offset == 0:
+            continue
+        px, py, pz = Y[0, at + lane], Y[1, at + lane], Y[2, at + lane]
+        nx, ny, nz = planes.normals[k, 0], planes.normals[k, 1], planes.normals[k, 2]
+        mx, my, mz = points.normals[i, 0], points.normals[i, 1], points.normals[i, 2]
+        dot = nx * (t00 * mx + t01 * my + t02 * mz)
+        dot += ny * (t10 * mx + t11 * my + t12 * mz)
+        dot += nz * (t20 * mx + t21 * my + t22 * mz)
+        along = nx * px + ny * py + nz * pz
+        scale = pz / (points.sigma[i] * max(abs(along), 0.1 * pz))
+        r = (along - offset) * scale
+        if dot < term.min_dot or abs(r) > term.limit:
+            continue
+        to = at + place(kept)
+        Y[0, to], Y[1, to], Y[2, to] = px, py, pz
+        normal[0, to], normal[1, to], normal[2, to] = nx * scale, ny * scale, nz * scale
+        matches.residuals[to] = r
+        matches.point[to] = np.int32(i)
+        kept += 1
+    return kept
 
 
 @compiled
@@ -1234,43 +1323,40 @@ def match_planes(
     between ray and normal, which a grazing view makes no better than a tenth. Returns how many
     points have a plane that is turned alike and near.
     """
-    count = 0
-    inverse = 1 / planes.step
-    for i in range(place(0), place(points.sigma.size), place(stride)):
-        x, y, z = points.X[i, 0], points.X[i, 1], points.X[i, 2]
-        px = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
-        py = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
-        pz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
-        if pz < MIN_DEPTH:
-            continue
-        col = int(np.floor((camera.fx * px / pz + camera.cx) * inverse + 0.5))
-        row = int(np.floor((camera.fy * py / pz + camera.cy) * inverse + 0.5))
-        if not (0 <= col < planes.cols and 0 <= row < planes.rows):
-            continue
-        k = place(row * planes.cols + col)
-        if planes.offsets[k] == 0:
-            continue
-        nx, ny, nz = planes.normals[k, 0], planes.normals[k, 1], planes.normals[k, 2]
-        mx, my, mz = points.normals[i, 0], points.normals[i, 1], points.normals[i, 2]
-        dot = nx * (T[0, 0] * mx + T[0, 1] * my + T[0, 2] * mz)
-        dot += ny * (T[1, 0] * mx + T[1, 1] * my + T[1, 2] * mz)
-        dot += nz * (T[2, 0] * mx + T[2, 1] * my + T[2, 2] * mz)
-        if dot < term.min_dot:
-            continue
-        along = nx * px + ny * py + nz * pz
-        scale = 1 / (points.sigma[i] * max(abs(along) / pz, 0.1))
-        r = (along - planes.offsets[k]) * scale
-        if abs(r) > term.limit:
-            continue
-        to = place(count)
-        matches.Y[to, 0], matches.Y[to, 1], matches.Y[to, 2] = px, py, pz
-        matches.normal[to, 0] = nx * scale
-        matches.normal[to, 1] = ny * scale
-        matches.normal[to, 2] = nz * scale
-        matches.residuals[to] = r
-        matches.point[to] = i
-        count += 1
+    cells = np.empty(LANES, np.int32)
+    count, first, step = 0, place(0), place(stride)
+    left = place(len(range(0, points.sigma.size, stride)))
+    while left > place(0):
+        n, at = min(left, place(LANES)), place(count)
+        warp_points(points.X, first, step, n, T, matches.Y, at)
+        cells_of_points(matches.Y, at, n, camera, planes, cells)
+        count += keep_on_planes(planes, points, first, step, n, T, term, cells, matches, at)
+        first += n * step
+        left -= n
     return count
+
+
+@lean
+def warp_columns(X: F64, n: np.uint64, T: F64, Y: F64) -> None:
+    """Write the first n points of X (3, M), warped by T, into Y."""
+    for axis in range(3):
+        a, b, c, d = T[axis, 0], T[axis, 1], T[axis, 2], T[axis, 3]
+        for i in range(n):
+            Y[axis, i] = a * X[0, i] + b * X[1, i] + c * X[2, i] + d
+
+
+@lean
+def copy_some(source: F64, n: np.uint64, target: F64) -> None:
+    """Copy the first n of a row."""
+    for i in range(n):
+        target[i] = source[i]
+
+
+@lean
+def add_along(normal: F64, before: F64, after: F64, n: np.uint64, residuals: F64) -> None:
+    """Add to n distances what a way along one axis makes of them."""
+    for i in range(n):
+        residuals[i] += normal[i] * (after[i] - before[i])
 
 
 @compiled
@@ -1280,16 +1366,14 @@ def carry_points(matches: PlaneMatches, count: int, T: F64, carried: PlaneMatche
     They keep their planes: nothing that `match_planes` asks is asked again, and distances are in
     units of the noise where they were.
     """
-    for i in range(place(count)):
-        x, y, z = matches.Y[i, 0], matches.Y[i, 1], matches.Y[i, 2]
-        px = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
-        py = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
-        pz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
-        nx, ny, nz = matches.normal[i, 0], matches.normal[i, 1], matches.normal[i, 2]
-        carried.Y[i, 0], carried.Y[i, 1], carried.Y[i, 2] = px, py, pz
-        carried.normal[i, 0], carried.normal[i, 1], carried.normal[i, 2] = nx, ny, nz
-        along = nx * (px - x) + ny * (py - y) + nz * (pz - z)
-        carried.residuals[i] = matches.residuals[i] + along
+    n = place(count)
+    warp_columns(matches.Y, n, T, carried.Y)
+    copy_some(matches.residuals, n, carried.residuals)
+    for axis in range(3):
+        normal = matches.normal[axis]
+        copy_some(normal, n, carried.normal[axis])
+        add_along(normal, matches.Y[axis], carried.Y[axis], n, carried.residuals)
+    for i in range(n):
         carried.point[i] = matches.point[i]
 
 
@@ -2279,6 +2363,25 @@ def robust_cost(square: float, weight: int, tuning: float) -> float:
     return 0.5 * square
 
 
+@lean
+def add_losses(residuals: F64, first: np.uint64, n: np.uint64, inverse: float, sums: F64) -> None:
+    """Add of n residuals how far Tukey's losses are from the greatest, as a share of that."""
+    for lane in range(n):
+        r = residuals[first + lane]
+        inside = max(1 - r * r * inverse, 0.0)
+        sums[lane] += inside * inside * inside
+
+
+@compiled
+def sum_losses(residuals: F64, count: int, inverse: float, tuning: float) -> float:
+    """Sum of Tukey's losses of residuals whose squares are in units of 1 / ``inverse``."""
+    sums = np.zeros(LANES)
+    for first in range(place(0), place(count), place(LANES)):
+        n = min(place(count) - first, place(LANES))
+        add_losses(residuals, place(first), n, inverse / (tuning * tuning), sums)
+    return tuning * tuning / 6 * (count - sum_lanes(sums))
+
+
 @compiled
 def mean_cost(
     residuals: F64, count: int, samples: int, sigma: float, limit: float, solver: Solver
@@ -2297,6 +2400,8 @@ def mean_cost(
                 total += np.log(chain)
                 chain, links = 1.0, 0
         total = 0.5 * (solver.tuning + 1) * (total + np.log(chain))
+    elif solver.weight == TUKEY:
+        total = sum_losses(residuals, count, inverse, solver.tuning)
     else:
         for i in range(count):
             square = residuals[i] * residuals[i] * inverse
@@ -2707,6 +2812,121 @@ def mirror_lower(M: F64) -> None:
             M[n, m] = M[m, n]
 
 
+@lean
+def weigh(table: F64, n: np.uint64, inverse: float, weight: int, tuning: float) -> None:
+    """Write the weights of the first n residuals of a table, and what they push; the rest is 0."""
+    r, w, push = table[RESIDUAL], table[WEIGHT], table[PUSH]
+    if weight == TUKEY:
+        inverse /= tuning * tuning
+        for lane in range(n):
+            inside = 1 - r[lane] * r[lane] * inverse
+            w[lane] = inside * inside if inside > 0 else 0.0
+    else:
+        for lane in range(n):
+            w[lane] = robust_weight(r[lane] * r[lane] * inverse, weight, tuning)
+    for lane in range(n, place(LANES)):
+        w[lane] = 0.0
+    for lane in range(LANES):
+        push[lane] = w[lane] * r[lane]
+
+
+@lean
+def cross_row(y: F64, c: F64, z: F64, b: F64, to: F64) -> None:
+    """Write y c - z b, one coordinate of a cross product."""
+    for lane in range(place(to.size)):
+        to[lane] = y[lane] * c[lane] - z[lane] * b[lane]
+
+
+@lean
+def turn_rows(table: F64, rows: F64) -> None:
+    """Write the derivatives Y x a below those, a, by which Y moves; as `write_row` does."""
+    px, py, pz = table[POINT], table[POINT + 1], table[POINT + 2]
+    au, av, aw = rows[0], rows[1], rows[2]
+    cross_row(py, aw, pz, av, rows[3])
+    cross_row(pz, au, px, aw, rows[4])
+    cross_row(px, av, py, au, rows[5])
+
+
+@lean
+def add_scores(rows: F64, push: F64, sums: F64) -> None:
+    """Add what each derivative has of J^T W r, lane by lane."""
+    for m in range(6):
+        row, to = rows[m], sums[m]
+        for lane in range(place(push.size)):
+            to[lane] += push[lane] * row[lane]
+
+
+@lean
+def add_pairs(rows: F64, table: F64, sums: F64) -> None:
+    """Add what each pair of derivatives has of J^T W J, lane by lane."""
+    w, weighted = table[WEIGHT], table[SPARE]
+    k = 0
+    for m in range(6):
+        row = rows[m]
+        for lane in range(place(w.size)):
+            weighted[lane] = w[lane] * row[lane]
+        for n in range(m + 1):
+            other, to = rows[n], sums[k]
+            for lane in range(place(w.size)):
+                to[lane] += weighted[lane] * other[lane]
+            k += 1
+
+
+@lean
+def sum_pairs(sums: F64, factor: float, H: F64) -> None:
+    """Add up the lanes of `add_pairs`, times a factor."""
+    k = 0
+    for m in range(6):
+        for n in range(m + 1):
+            H[m, n] = factor * sum_lanes(sums[k])
+            H[n, m] = H[m, n]
+            k += 1
+
+
+@lean
+def sum_lanes(lanes: F64) -> float:
+    """Add up the sums that were taken by turns."""
+    total = 0.0
+    for lane in range(LANES):
+        total += lanes[lane]
+    return total
+
+
+@lean_float
+def take_edges(
+    matches: Matches, residuals: F64, row: np.uint64, i: np.uint64, table: F64
+) -> tuple[np.uint64, np.uint64]:
+    """Fill a table with matched samples, from i on; returns how many, and where to go on.
+
+    Their residuals begin at ``row``.
+    """
+    n, size = place(0), place(matches.edge.size)
+    while i < size and n < place(LANES):
+        if matches.edge[i] >= 0:
+            table[RESIDUAL, n] = residuals[row + n]
+            table[0, n], table[1, n] = matches.normal[i, 0], matches.normal[i, 1]
+            table[POINT, n], table[POINT + 1, n] = matches.Y[i, 0], matches.Y[i, 1]
+            table[POINT + 2, n] = matches.Y[i, 2]
+            n += place(1)
+        i += place(1)
+    return n, i
+
+
+@lean_float
+def project_rows(table: F64, fx: float, fy: float, n: np.uint64, rows: F64) -> None:
+    """Turn directions in the image, in the first two rows, into what they are by Y's motion."""
+    px, py, pz = table[POINT], table[POINT + 1], table[POINT + 2]
+    au, av, aw, per_z = rows[0], rows[1], rows[2], table[SPARE]
+    for lane in range(n):
+        per_z[lane] = 1 / pz[lane]
+    for lane in range(n):
+        au[lane] *= fx * per_z[lane]
+    for lane in range(n):
+        av[lane] *= fy * per_z[lane]
+    for lane in range(n):
+        aw[lane] = -(au[lane] * px[lane] + av[lane] * py[lane]) * per_z[lane]
+
+
 @compiled
 def normal_equations(
     camera: Pinhole,
@@ -2722,31 +2942,24 @@ def normal_equations(
     With Y = T x and n the unit vector that the residual is measured along, the derivative by a
     left perturbation [v, w] of T is [a, Y x a], where a = (d pi / d Y)^T n.
     """
-    H[:] = 0
-    b[:] = 0
-    J = np.empty(6)
+    table, pairs, scores = np.zeros((TABLE, LANES)), np.zeros((PAIRS, LANES)), np.zeros((6, LANES))
+    weights = np.zeros(LANES)
     inverse = 1 / (sigma * sigma)
-    total = 0.0
-    row = 0
-    for i in range(matches.edge.size):
-        if matches.edge[i] < 0:
-            continue
-        r = residuals[row]
-        row += 1
-        px, py, pz = matches.Y[i, 0], matches.Y[i, 1], matches.Y[i, 2]
-        au = matches.normal[i, 0] * camera.fx / pz
-        av = matches.normal[i, 1] * camera.fy / pz
-        aw = -(au * px + av * py) / pz
-        write_row(au, av, aw, px, py, pz, J)
-        w = robust_weight(r * r * inverse, solver.weight, solver.tuning)
-        total += w
-        for m in range(6):
-            wj = w * J[m]
-            b[m] += wj * r
-            for n in range(m + 1):
-                H[m, n] += wj * J[n]
-    mirror_lower(H)
-    return total
+    row, i = place(0), place(0)
+    while i < place(matches.edge.size):
+        n, i = take_edges(matches, residuals, row, i, table)
+        row += n
+        project_rows(table, camera.fx, camera.fy, n, table)
+        turn_rows(table, table)
+        weigh(table, n, inverse, solver.weight, solver.tuning)
+        add_scores(table, table[PUSH], scores)
+        add_pairs(table, table, pairs)
+        for lane in range(LANES):
+            weights[lane] += table[WEIGHT, lane]
+    sum_pairs(pairs, 1.0, H)
+    for m in range(6):
+        b[m] = sum_lanes(scores[m])
+    return sum_lanes(weights)
 
 
 @compiled
@@ -2801,38 +3014,42 @@ def row_equations(
     mirror_lower(H_rows)
 
 
+@lean
+def take_planes(matches: PlaneMatches, first: np.uint64, n: np.uint64, table: F64) -> None:
+    """Fill a table with the points of n planes, from ``first`` on."""
+    for axis in range(3):
+        for lane in range(n):
+            table[axis, lane] = matches.normal[axis, first + lane]
+        for lane in range(n):
+            table[POINT + axis, lane] = matches.Y[axis, first + lane]
+    for lane in range(n):
+        table[RESIDUAL, lane] = matches.residuals[first + lane]
+
+
 @compiled
 def plane_equations(matches: PlaneMatches, count: int, sigma: float, H: F64, b: F64) -> None:
     """Accumulate H = J^T W J and b = J^T W r of the distances to planes, by Tukey's weights.
 
     The derivative of n . Y by a left perturbation [v, w] of T is [n, Y x n].
     """
-    H[:] = 0
-    b[:] = 0
-    J = np.empty(6)
+    table, pairs, scores = np.zeros((TABLE, LANES)), np.zeros((PAIRS, LANES)), np.zeros((6, LANES))
     inverse = 1 / (sigma * sigma)
-    for i in range(count):
-        r = matches.residuals[i]
-        px, py, pz = matches.Y[i, 0], matches.Y[i, 1], matches.Y[i, 2]
-        au, av, aw = matches.normal[i, 0], matches.normal[i, 1], matches.normal[i, 2]
-        write_row(au, av, aw, px, py, pz, J)
-        w = robust_weight(r * r * inverse, TUKEY, TUKEY_TUNING)
-        for m in range(6):
-            wj = w * J[m]
-            b[m] += wj * r
-            for n in range(m + 1):
-                H[m, n] += wj * J[n]
-    mirror_lower(H)
+    for first in range(place(0), place(count), place(LANES)):
+        n = min(place(count) - first, place(LANES))
+        take_planes(matches, place(first), n, table)
+        turn_rows(table, table)
+        weigh(table, n, inverse, TUKEY, TUKEY_TUNING)
+        add_scores(table, table[PUSH], scores)
+        add_pairs(table, table, pairs)
+    sum_pairs(pairs, 1.0, H)
+    for m in range(6):
+        b[m] = sum_lanes(scores[m])
 
 
 @compiled
 def plane_cost(matches: PlaneMatches, count: int, points: int, sigma: float) -> float:
     """Sum of Tukey's losses over all points; one without a plane costs as much as the worst."""
-    inverse = 1 / (sigma * sigma)
-    total = 0.0
-    for i in range(count):
-        square = matches.residuals[i] * matches.residuals[i] * inverse
-        total += robust_cost(square, TUKEY, TUKEY_TUNING)
+    total = sum_losses(matches.residuals, count, 1 / (sigma * sigma), TUKEY_TUNING)
     return total + (points - count) * (TUKEY_TUNING * TUKEY_TUNING / 6)
 
 
@@ -3494,8 +3711,8 @@ def score_parts(
         inverse = 1 / (sigma_d * sigma_d)
         for i in range(found):
             r = matches.residuals[i]
-            px, py, pz = matches.Y[i, 0], matches.Y[i, 1], matches.Y[i, 2]
-            au, av, aw = matches.normal[i, 0], matches.normal[i, 1], matches.normal[i, 2]
+            px, py, pz = matches.Y[0, i], matches.Y[1, i], matches.Y[2, i]
+            au, av, aw = matches.normal[0, i], matches.normal[1, i], matches.normal[2, i]
             write_row(au, av, aw, px, py, pz, J)
             w = scale * robust_weight(r * r * inverse, TUKEY, TUKEY_TUNING)
             if w == 0:
@@ -3652,9 +3869,9 @@ def shared_depth_factor(
         w = robust_weight(r * r * inverse, TUKEY, TUKEY_TUNING)
         if w <= 0:
             continue
-        per_z = per_px / matches.Y[i, 2]
-        u = camera.fx * matches.Y[i, 0] * per_z + camera.cx * per_px
-        v = camera.fy * matches.Y[i, 1] * per_z + camera.cy * per_px
+        per_z = per_px / matches.Y[2, i]
+        u = camera.fx * matches.Y[0, i] * per_z + camera.cx * per_px
+        v = camera.fy * matches.Y[1, i] * per_z + camera.cy * per_px
         c = min(max(int(v), 0), rows - 1) * cols + min(max(int(u), 0), cols - 1)
         sums[c, 0] += w * r
         sums[c, 2] += 1
