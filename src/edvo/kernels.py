@@ -74,7 +74,7 @@ LANES = 64
 PAIRS = 21  # of six derivatives, below the diagonal and on it
 # Rows of a table (TABLE, LANES) that sums are made of: the derivatives come first, and after the
 # last of these are a point, and what else is needed on the way
-RESIDUAL, WEIGHT, PUSH, SPARE, POINT, TABLE = 6, 7, 8, 9, 10, 16
+RESIDUAL, WEIGHT, PUSH, SPARE, POINT, BY_DEPTH, TABLE = 6, 7, 8, 9, 10, 13, 14
 # Bins of a histogram of residuals: 64 to an octave, from 2^-10 up; what is less is in the first
 SCALE_BINS, SCALE_SHIFT, LEAST_STEP = 1024, np.int32(23 - 6), np.int32((127 - 10) << 6)
 
@@ -3615,6 +3615,81 @@ def add_outer(vectors: F64, M: F64) -> None:
                     M[i, j] += vectors[c, i] * vectors[c, j]
 
 
+@lean
+def cells_of_image(
+    table: F64, n: np.uint64, camera: Pinhole, per_px: float, cols: int, count: int, cells: I32
+) -> None:
+    """Write into which square cell of an image each point of a table projects, or the nearest."""
+    px, py, pz = table[POINT], table[POINT + 1], table[POINT + 2]
+    fx, fy = camera.fx * per_px, camera.fy * per_px
+    cx, cy = camera.cx * per_px, camera.cy * per_px
+    for lane in range(n):
+        u = min(max(fx * px[lane] / pz[lane] + cx, 0.0), float(cols - 1))
+        v = min(max(fy * py[lane] / pz[lane] + cy, 0.0), float(count))
+        cells[lane] = min(np.int32(v) * np.int32(cols) + np.int32(u), np.int32(count - 1))
+
+
+@lean
+def subtract_normals(
+    matches: PlaneMatches, first: np.uint64, n: np.uint64, normals: F64, T: F64, table: F64, D: F64
+) -> None:
+    """Write what the normals of n planes are more than those of their points, turned by T.
+
+    Both are over the noise.
+    """
+    x, y, z, size = D[3], D[4], D[5], table[SPARE]
+    for lane in range(n):
+        k = place(matches.point[first + lane])
+        x[lane], y[lane], z[lane] = normals[k, 0], normals[k, 1], normals[k, 2]
+    a, b, c = table[0], table[1], table[2]
+    for lane in range(n):
+        size[lane] = np.sqrt(a[lane] * a[lane] + b[lane] * b[lane] + c[lane] * c[lane])
+    for axis in range(3):
+        p, q, r = T[axis, 0], T[axis, 1], T[axis, 2]
+        row, to = table[axis], D[axis]
+        for lane in range(n):
+            to[lane] = row[lane] - size[lane] * (p * x[lane] + q * y[lane] + r * z[lane])
+
+
+@lean
+def add_to_cells(table: F64, n: np.uint64, cells: I32, sums: F64) -> None:
+    """Add what each of n columns has of a score to the sum (cells, 6) of its cell."""
+    push = table[PUSH]
+    for lane in range(n):
+        c, along = place(cells[lane]), push[lane]
+        for m in range(6):
+            sums[c, m] += along * table[m, lane]
+
+
+@lean
+def multiply_rows(a: F64, b: F64, to: F64) -> None:
+    """Write the products of two rows."""
+    for lane in range(place(to.size)):
+        to[lane] = a[lane] * b[lane]
+
+
+@lean
+def add_columns(
+    table: F64,
+    D: F64,
+    n: np.uint64,
+    inverse: float,
+    weight: int,
+    tuning: float,
+    cells: I32,
+    pairs: F64,
+    blurs: F64,
+    sums: F64,
+) -> None:
+    """Weigh n columns, and add them to H, to the blur by the differences D, and to their cells."""
+    turn_rows(table, table)
+    turn_rows(table, D)
+    weigh(table, n, inverse, weight, tuning)
+    add_pairs(table, table, pairs)
+    add_pairs(D, table, blurs)
+    add_to_cells(table, n, cells, sums)
+
+
 @compiled
 def score_parts(
     edges: F32,
@@ -3650,95 +3725,82 @@ def score_parts(
     (N,), m; and the score of all edges at once, which that of the planes holds in balance. H is in
     px^2, as is that of ``align``; parts are in px^4.
     """
-    H[:] = 0
-    blur[:] = 0
     parts[:] = 0
     cols = int(camera.width / cell) + 1
     count = cols * (int(camera.height / cell) + 1)
     seen, flat, nearer = np.zeros((count, 6)), np.zeros((count, 6)), np.zeros((count, 6))
-    total = np.zeros((1, 6))
-    J, D = np.empty(6), np.zeros(6)
+    table, D, cells = np.zeros((TABLE, LANES)), np.zeros((6, LANES)), np.empty(LANES, np.int32)
+    pairs, blurs = np.zeros((PAIRS, LANES)), np.zeros((PAIRS, LANES))
+    lane, last = place(0), index.size - 1
     roll = np.hypot(T[0, 0], T[1, 0])
     cosine, sine = T[0, 0] / roll, T[1, 0] / roll
     inverse = 1 / (sigma * sigma)
     for i in range(index.size):
-        if index[i] < 0:
-            continue
-        k = place(index[i])
+        k = place(max(index[i], 0))
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         qx = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z
         qy = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z
         qz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z
         px, py, pz = qx + T[0, 3], qy + T[1, 3], qz + T[2, 3]
-        if pz < MIN_DEPTH:
-            continue
-        u = camera.fx * px / pz + camera.cx
-        v = camera.fy * py / pz + camera.cy
-        du, dv = u - edges[k, 0], v - edges[k, 1]
-        if solver.residual == SIGNED:
-            nu, nv = np.float64(normals[k, 0]), np.float64(normals[k, 1])
-            r = du * nu + dv * nv
-        else:
-            r = np.sqrt(du * du + dv * dv)
-            nu, nv = (du / r, dv / r) if r > 0 else (np.float64(0), np.float64(0))
-        au, av = nu * camera.fx / pz, nv * camera.fy / pz
-        aw = -(au * px + av * py) / pz
-        write_row(au, av, aw, px, py, pz, J)
-        w = robust_weight(r * r * inverse, solver.weight, solver.tuning)
-        if w == 0:
-            continue
-        gu = cosine * gradients[i, 0] - sine * gradients[i, 1]
-        gv = sine * gradients[i, 0] + cosine * gradients[i, 1]
-        side = 1.0 if gu * nu + gv * nv >= 0 else -1.0
-        bu, bv = (nu - side * gu) * camera.fx / pz, (nv - side * gv) * camera.fy / pz
-        bw = -(bu * px + bv * py) / pz
-        write_row(bu, bv, bw, px, py, pz, D)
-        by_depth = noise[i] / z * (au * qx + av * qy + aw * qz)  # px
-        col = min(max(int(u / cell), 0), cols - 1)
-        c = place(min(max(int(v / cell), 0) * cols + col, count - 1))
-        for m in range(6):
-            wj = w * J[m]
-            seen[c, m] += wj * r
-            nearer[c, m] += wj * by_depth
-            total[0, m] += wj * r
-            for n in range(m + 1):
-                H[m, n] += wj * J[n]
-                blur[m, n] += 0.5 * w * D[m] * D[n]
+        if index[i] >= 0 and pz >= MIN_DEPTH:
+            u = camera.fx * px / pz + camera.cx
+            v = camera.fy * py / pz + camera.cy
+            du, dv = u - edges[k, 0], v - edges[k, 1]
+            if solver.residual == SIGNED:
+                nu, nv = np.float64(normals[k, 0]), np.float64(normals[k, 1])
+                r = du * nu + dv * nv
+            else:
+                r = np.sqrt(du * du + dv * dv)
+                nu, nv = (du / r, dv / r) if r > 0 else (np.float64(0), np.float64(0))
+            au, av = nu * camera.fx / pz, nv * camera.fy / pz
+            aw = -(au * px + av * py) / pz
+            gu = cosine * gradients[i, 0] - sine * gradients[i, 1]
+            gv = sine * gradients[i, 0] + cosine * gradients[i, 1]
+            side = 1.0 if gu * nu + gv * nv >= 0 else -1.0
+            bu, bv = (nu - side * gu) * camera.fx / pz, (nv - side * gv) * camera.fy / pz
+            table[0, lane], table[1, lane], table[2, lane] = au, av, aw
+            table[POINT, lane], table[POINT + 1, lane], table[POINT + 2, lane] = px, py, pz
+            table[RESIDUAL, lane] = r
+            table[BY_DEPTH, lane] = noise[i] / z * (au * qx + av * qy + aw * qz)  # px
+            D[0, lane], D[1, lane], D[2, lane] = bu, bv, -(bu * px + bv * py) / pz
+            col = min(max(int(u / cell), 0), cols - 1)
+            cells[lane] = min(max(int(v / cell), 0) * cols + col, count - 1)
+            lane += place(1)
+        if lane == place(LANES) or i == last:
+            weight, tuning = solver.weight, solver.tuning
+            add_columns(table, D, lane, inverse, weight, tuning, cells, pairs, blurs, seen)
+            multiply_rows(table[WEIGHT], table[BY_DEPTH], table[PUSH])
+            add_to_cells(table, lane, cells, nearer)
+            lane = place(0)
+    sum_pairs(pairs, 1.0, H)
+    sum_pairs(blurs, 0.5, blur)
     if balance > 0:
         matches = new_plane_matches(surface.sigma.size)
         found = match_planes(planes, surface, camera, T, term, matches)
         scale = balance * (sigma / sigma_d) ** 2
         inverse = 1 / (sigma_d * sigma_d)
-        for i in range(found):
-            r = matches.residuals[i]
-            px, py, pz = matches.Y[0, i], matches.Y[1, i], matches.Y[2, i]
-            au, av, aw = matches.normal[0, i], matches.normal[1, i], matches.normal[2, i]
-            write_row(au, av, aw, px, py, pz, J)
-            w = scale * robust_weight(r * r * inverse, TUKEY, TUKEY_TUNING)
-            if w == 0:
-                continue
-            k = place(matches.point[i])
-            x, y, z = surface.normals[k, 0], surface.normals[k, 1], surface.normals[k, 2]
-            size = np.sqrt(au * au + av * av + aw * aw)
-            bu = au - size * (T[0, 0] * x + T[0, 1] * y + T[0, 2] * z)
-            bv = av - size * (T[1, 0] * x + T[1, 1] * y + T[1, 2] * z)
-            bw = aw - size * (T[2, 0] * x + T[2, 1] * y + T[2, 2] * z)
-            write_row(bu, bv, bw, px, py, pz, D)
-            col = min(max(int((camera.fx * px / pz + camera.cx) / cell), 0), cols - 1)
-            row = max(int((camera.fy * py / pz + camera.cy) / cell), 0)
-            c = place(min(row * cols + col, count - 1))
-            for m in range(6):
-                wj = w * J[m]
-                flat[c, m] += wj * r
-                for n in range(m + 1):
-                    H[m, n] += wj * J[n]
-                    blur[m, n] += 0.5 * w * D[m] * D[n]
+        pairs[:] = 0
+        blurs[:] = 0
+        for first in range(place(0), place(found), place(LANES)):
+            at = place(first)
+            n = min(place(found) - at, place(LANES))
+            take_planes(matches, at, n, table)
+            subtract_normals(matches, at, n, surface.normals, T, table, D)
+            cells_of_image(table, n, camera, 1 / cell, cols, count, cells)
+            add_columns(table, D, n, inverse, TUKEY, TUKEY_TUNING, cells, pairs, blurs, flat)
+        H_planes, blur_planes = np.empty((6, 6)), np.empty((6, 6))
+        sum_pairs(pairs, scale, H_planes)
+        sum_pairs(blurs, 0.5 * scale, blur_planes)
+        H += H_planes
+        blur += blur_planes
+        flat *= scale
+    total = np.zeros((1, 6))
+    for c in range(count):
+        total[0] += seen[c]
     add_outer(seen, parts[0])
     add_outer(flat, parts[1])
     add_outer(nearer, parts[2])
     add_outer(total, parts[3])
-    mirror_lower(H)
-    mirror_lower(blur)
     for part in range(4):
         mirror_lower(parts[part])
 
