@@ -2722,7 +2722,7 @@ def orthonormalize(T: F64) -> None:
     T[0, 2], T[1, 2], T[2, 2] = a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
 
 
-@lean
+@lean_float
 def warp_and_match(
     grid: Grid,
     nearby: NearMap,
@@ -2745,12 +2745,15 @@ def warp_and_match(
     ``LOOK_UP`` that is the match.
     Residuals of the matched samples are packed to the front; returns their number.
     """
+    t00, t01, t02, t03 = T[0, 0], T[0, 1], T[0, 2], T[0, 3]
+    t10, t11, t12, t13 = T[1, 0], T[1, 1], T[1, 2], T[1, 3]
+    t20, t21, t22, t23 = T[2, 0], T[2, 1], T[2, 2], T[2, 3]
     count = 0
     for i in range(place(0), place(points.shape[0]), place(stride)):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        px = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
-        py = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
-        pz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+        px = t00 * x + t01 * y + t02 * z + t03
+        py = t10 * x + t11 * y + t12 * z + t13
+        pz = t20 * x + t21 * y + t22 * z + t23
         matches.Y[i, 0], matches.Y[i, 1], matches.Y[i, 2] = px, py, pz
         k = matches.edge[i]
         matches.edge[i] = NO_MATCH
