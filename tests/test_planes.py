@@ -238,6 +238,25 @@ def test_matching_equals_its_numpy_twin(seed):
     np.testing.assert_allclose(found.Y[:, :count].T, Y, rtol=1e-12)
 
 
+@pytest.mark.parametrize("stride", [1, 2, 3])
+@pytest.mark.parametrize("m", [0, 1, kernels.LANES, kernels.LANES + 1, 3 * kernels.LANES])
+def test_every_so_manyth_point_is_matched(m, stride):
+    rng = np.random.default_rng(m)
+    planes, points = random_scene(rng)
+    few = points._replace(X=points.X[:m], normals=points.normals[:m], sigma=points.sigma[:m])
+    term = PlaneFitter(CAMERA, PlanesConfig()).term
+    pinhole = kernels.Pinhole(CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy, 320, 240)
+    T, every = se3.exp(rng.normal(0, 0.05, 6)), kernels.new_plane_matches(len(points.sigma))
+    among = kernels.match_planes(planes, points, pinhole, T, term, every)
+    found = kernels.new_plane_matches(len(few.sigma))
+    count = kernels.match_planes(planes, few, pinhole, T, term, found, np.int64(stride))
+    wanted = [k for k in range(among) if every.point[k] < m and every.point[k] % stride == 0]
+    np.testing.assert_array_equal(found.point[:count], every.point[wanted])
+    np.testing.assert_array_equal(found.Y[:, :count], every.Y[:, wanted])
+    np.testing.assert_array_equal(found.normal[:, :count], every.normal[:, wanted])
+    np.testing.assert_array_equal(found.residuals[:count], every.residuals[wanted])
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_points_that_are_carried_keep_their_planes(seed):
     rng = np.random.default_rng(seed)

@@ -3799,7 +3799,8 @@ def score_parts(
         flat *= scale
     total = np.zeros((1, 6))
     for c in range(count):
-        total[0] += seen[c]
+        for m in range(6):
+            total[0, m] += seen[c, m]
     add_outer(seen, parts[0])
     add_outer(flat, parts[1])
     add_outer(nearer, parts[2])
