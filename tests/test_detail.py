@@ -241,19 +241,14 @@ def test_a_registration_begins_with_the_usual_points():
     assert short.plane_points > 0.9 * found[0].plane_points
 
 
-def noisy_room(count):
-    frames, truth = problems.sequence(count)
+def run(*overrides, gap=None):
+    frames, truth = problems.sequence(30)
     rng = np.random.default_rng(0)
     noise = [rng.normal(0, 1, frame.depth.shape) for frame in frames]
-    noisy = [
+    frames = [
         replace(f, depth=(f.depth + 0.2 * NOISE.sigma_z(f.depth) * n).astype(np.float32))
         for f, n in zip(frames, noise, strict=True)
     ]
-    return noisy, truth
-
-
-def run(*overrides, gap=None):
-    frames, truth = noisy_room(30)
     # images are free of noise: rounded to grey levels, edges err each by itself
     config = Config().with_overrides(["edges.grey_steps=1", *overrides])
     odometry = Odometry(problems.CAMERA, config)
@@ -285,18 +280,3 @@ def test_after_a_gap_the_usual_is_taken():
     samples, on_planes, _ = run(gap=20)
     assert samples[19] > samples[20] == 1500
     assert on_planes[18] > 2.5 * on_planes[19]
-
-
-@pytest.mark.parametrize("finer", ["measured", "none"])
-def test_the_planes_of_the_first_keyframe_are_fine_where_any_may_be(finer):
-    frames, _ = noisy_room(2)
-    odometry = Odometry(problems.CAMERA, Config().with_overrides([f"planes.finer={finer}"]))
-    first, second = (odometry.track(frame) for frame in frames)
-    assert first.is_keyframe
-    fitter = PlaneFitter(problems.CAMERA, PlanesConfig())
-    by = {fine: fitter.planes(frames[0].depth, fine=fine) for fine in (True, False)}
-    planes = odometry._course.keyframe.planes
-    np.testing.assert_array_equal(planes.normals, by[finer == "measured"].normals)
-    assert not np.array_equal(planes.normals, by[finer != "measured"].normals)
-    usual = len(fitter.points(frames[1].depth).sigma)
-    assert second.alignment.plane_points <= usual  # points of a frame are as many as ever

@@ -1,7 +1,6 @@
 """The main loop: one frame in, one pose out (§III-§V)."""
 
 import logging
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -317,9 +316,7 @@ class Odometry:
 
     def _begin(self, seen: Seen) -> TrackedFrame:
         """Take the first usable frame as the first keyframe."""
-        # all that follows is held against its planes, and here there is time
-        fine = self.config.planes.finer == "measured"
-        self._upkeep.make(replace(seen.kept(), is_fine=fine), self._record.count, None)
+        self._upkeep.make(seen.kept(), self._record.count, None)
         self._course.last_time = timestamp = seen.frame.timestamp
         self._standing.remember(seen)
         self._doubt.begin(seen)
