@@ -286,6 +286,25 @@ def test_a_keyframe_is_made_for_the_velocity_it_was_taken_at(room, monkeypatch):
     np.testing.assert_array_equal(given[1], velocity)
 
 
+def test_planes_of_a_keyframe_are_moved_by_the_velocity_measured(room, monkeypatch):
+    frames, _ = room
+    odometry, given = gaps(), []
+    planes = odometry._fitter.planes
+
+    def noted(depth, T_cam_depth=None, **options):
+        given.append(T_cam_depth)
+        return planes(depth, T_cam_depth, **options)
+
+    monkeypatch.setattr(odometry._fitter, "planes", noted)
+    for frame in frames[:4]:
+        expected = odometry._course.velocity.copy()
+        odometry.track(replace(frame, depth_delay=0.01))
+    measured = odometry._course.velocity
+    assert np.abs(measured - expected).max() > 1e-3
+    assert given[0] is None  # of the first, which are found anew once it is known how it moved
+    np.testing.assert_array_equal(given[-1], odometry._instants.depth.motion(measured, 0.01))
+
+
 def test_a_keyframe_is_made_in_the_time_of_two_frames(room, monkeypatch):
     frames, _ = room
     odometry, done = gaps(), []

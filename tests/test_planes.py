@@ -238,6 +238,28 @@ def test_matching_equals_its_numpy_twin(seed):
     np.testing.assert_allclose(found.Y[:, :count].T, Y, rtol=1e-12)
 
 
+def test_what_a_grazing_view_counts_and_that_nothing_is_seen_behind():
+    rng = np.random.default_rng(0)
+    normal = np.array([np.cos(0.03), 0.0, np.sin(0.03)])  # 1.7 degrees from the middle ray
+    planes = PlaneMap(np.tile(normal, (80, 1)), np.full(80, 0.05), 8, 10, 32.0)
+    pixels = np.column_stack((CAMERA.cx + rng.uniform(0, 8, 60), rng.uniform(40, 200, 60)))
+    X = CAMERA.backproject(pixels, np.ones(60))
+    X *= (0.05 / (X @ normal))[:, None] * rng.uniform(0.99, 1.01, (60, 1))
+    X[::6] *= -1
+    X[1::6] *= 0.04 / X[1::6, 2:]
+    X[2::6, 2] = 0
+    points = PlanePoints(X, np.tile(normal, (60, 1)), rng.uniform(2e-3, 8e-3, 60), 16.0)
+    term = PlaneFitter(CAMERA, PlanesConfig(max_distance=50.0)).term
+    pinhole = kernels.Pinhole(CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy, 320, 240)
+    found = kernels.new_plane_matches(60)
+    count = kernels.match_planes(planes, points, pinhole, np.eye(4), term, found)
+    with np.errstate(divide="ignore"):
+        _, Y, r = twins.match_planes(planes, points, CAMERA, np.eye(4), term)
+    assert count == len(r) == 30
+    np.testing.assert_allclose(found.residuals[:count], r, rtol=1e-9, atol=1e-9)
+    assert (Y @ normal / Y[:, 2]).min() < 0.05  # where the bound on the cosine tells
+
+
 @pytest.mark.parametrize("stride", [1, 2, 3])
 @pytest.mark.parametrize("m", [0, 1, kernels.LANES, kernels.LANES + 1, 3 * kernels.LANES])
 def test_every_so_manyth_point_is_matched(m, stride):

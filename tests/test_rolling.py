@@ -156,6 +156,8 @@ def test_edges_are_put_where_they_are_at_the_instant_of_the_image():
     np.testing.assert_allclose(found.pixels, samples.pixels, atol=0.05)
     np.testing.assert_allclose(found.depths, samples.depths, atol=1e-3)
     assert found.gradients is seen.gradients
+    by_column = replace(seen, pixels=np.asfortranarray(seen.pixels))
+    np.testing.assert_array_equal(shutter(0.02).unrolled(by_column, VELOCITY).pixels, found.pixels)
     bare = replace(seen, depths=np.zeros_like(seen.depths))
     np.testing.assert_array_equal(
         shutter(0.02).unrolled(bare, VELOCITY, seen.depths).pixels, found.pixels

@@ -15,7 +15,7 @@ from edvo.odometry import Odometry, Status
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
 from edvo.thresholds import STEP_PX, exceeded, threshold_scales, undercut
 
-from . import problems
+from . import problems, twins
 from .test_kernels import both
 
 SHAPE = (240, 320)
@@ -65,8 +65,11 @@ def test_strengths_are_counted_as_by_numpy():
     share=st.floats(0.01, 0.99),
 )
 def test_quantiles_are_those_of_sorted_strengths(strengths, share):
-    counts, strengths = np.bincount(strengths, minlength=31), np.array(strengths)
+    counts = np.bincount(strengths, minlength=31).astype(np.int32)
+    strengths = np.array(strengths)
     value = exceeded(counts, share)
+    assert value == twins.exceeded(counts, share)
+    assert undercut(counts, share) == twins.undercut(counts, share)
     assert (strengths > value).sum() <= share * len(strengths)
     assert value == 0 or (strengths >= value).sum() > share * len(strengths)
     some = strengths[strengths > 0]

@@ -476,6 +476,21 @@ def align(edges, points, gradients, camera, T, robust_criterion, normal_criterio
     return T, iterations, now
 
 
+# ----------------------------------------------------------------------------------- thresholds
+
+
+def exceeded(counts, share):
+    """Strength that this share of the pixels exceeds, at most."""
+    as_strong = counts[::-1].cumsum()[::-1]
+    return max(np.count_nonzero(as_strong > share * as_strong[0]) - 1, 0)
+
+
+def undercut(counts, share):
+    """Strength that this share of those above 0 stays below; 0 where there are none."""
+    as_weak = counts[1:].cumsum()
+    return np.searchsorted(as_weak, share * as_weak[-1]) + 0.5 if as_weak[-1] else 0.0
+
+
 # -------------------------------------------------------------------------------- shared errors
 
 

@@ -124,7 +124,8 @@ class SamplingConfig(Section):
     max_growth: Annotated[float, Field(ge=1, allow_inf_nan=False)] = Field(
         default=3.0,
         description="up to so many times N are drawn as far as edges err each by itself, frame "
-        "after frame, and are sharp; 1: never more. Not in the paper",
+        "after frame, and are sharp, if that asks for 2.25 times N at least; 1: never more. "
+        "Not in the paper",
     )
     cell_px: Annotated[int, Field(ge=1)] = Field(
         default=80, description="side of a grid cell; not in the paper. 48 cells at 640 x 480"

@@ -55,12 +55,12 @@ NOWHERE = np.uint32(1023 << EDGE_BITS)
 LOG_2 = np.float32(np.log(2))
 ROOT_OF_HALF = np.int32(np.float32(np.sqrt(0.5)).view(np.int32))  # its bits
 FLAT = np.float32(1e-6)  # a bend of less than that is none: logarithms are not more exact
-PATCHES = 64  # of edges, that are at hand together: they stay in the nearest cache
-BATCH = 1024  # edges whose gradients are at hand together: they stay in the nearest cache
+# So much is at hand together, and stays in the nearest cache:
+PATCHES = 64  # of edges,
+BATCH = 1024  # edges, with their gradients and what a lens does to them
 ROW_1, ROW_2, ROW_3, ROW_4, ROW_5, ROW_6, ROW_7 = (np.uint64(i * BATCH) for i in range(1, 8))
 # The patch that tells the depth of an edge: so many pixels to either side, and half as long;
 ACROSS, HALF_LENGTH = 3, 1
-HALF_SQUARES = float(sum(j * j for j in range(-HALF_LENGTH, HALF_LENGTH + 1)))
 LEAST_PIXELS = 6  # of a side, or it is not seen
 ONE_SURFACE, ONE_SIDE = 1.5, 2.0  # off by less (rms, in units of the noise) both are plane, or one
 BENT, STEPPED = 3.0, 5.0  # so many standard deviations apart it bends there, or ends
@@ -839,8 +839,8 @@ def summarise_edges(
 def plane_through(sums: Sums) -> tuple[float, float, float, float, float]:
     """Fit w = w0 + a u + b v by least squares: w0, a, b, the mean square of what is off it.
 
-    That is infinite where pixels are too few or in line. Last comes the variance of w0, where each
-    pixel has one of 1.
+    That is infinite where pixels are too few or in line, and the rest means nothing then. Last
+    comes the variance of w0, where each pixel has one of 1.
     """
     share = 1.0 / sums.n
     mu, mv, mw = share * sums.u, share * sums.v, share * sums.w
@@ -943,7 +943,7 @@ def set_plane(
     ``off`` (1/m) is a root mean square. The plane becomes the ``k``-th.
     """
     w, a, b, square, _ = plane_through(sums)
-    if square > off * off or w <= 0:
+    if not (square <= off * off and w > 0):  # nor what is no number
         return
     # 1 / z = w + a (u - cu) + b (v - cv) with u = fx x / z + cx says N . X = 1
     nx, ny = a * camera.fx, b * camera.fy
@@ -2851,10 +2851,11 @@ def turn_rows(table: F64, rows: F64) -> None:
 
 
 @lean
-def add_scores(rows: F64, push: F64, sums: F64) -> None:
+def add_scores(table: F64, sums: F64) -> None:
     """Add what each derivative has of J^T W r, lane by lane."""
+    push = table[PUSH]
     for m in range(6):
-        row, to = rows[m], sums[m]
+        row, to = table[m], sums[m]
         for lane in range(place(push.size)):
             to[lane] += push[lane] * row[lane]
 
@@ -2916,10 +2917,10 @@ def take_edges(
 
 
 @lean_float
-def project_rows(table: F64, fx: float, fy: float, n: np.uint64, rows: F64) -> None:
+def project_rows(table: F64, fx: float, fy: float, n: np.uint64) -> None:
     """Turn directions in the image, in the first two rows, into what they are by Y's motion."""
     px, py, pz = table[POINT], table[POINT + 1], table[POINT + 2]
-    au, av, aw, per_z = rows[0], rows[1], rows[2], table[SPARE]
+    au, av, aw, per_z = table[0], table[1], table[2], table[SPARE]
     for lane in range(n):
         per_z[lane] = 1 / pz[lane]
     for lane in range(n):
@@ -2952,10 +2953,10 @@ def normal_equations(
     while i < place(matches.edge.size):
         n, i = take_edges(matches, residuals, row, i, table)
         row += n
-        project_rows(table, camera.fx, camera.fy, n, table)
+        project_rows(table, camera.fx, camera.fy, n)
         turn_rows(table, table)
         weigh(table, n, inverse, solver.weight, solver.tuning)
-        add_scores(table, table[PUSH], scores)
+        add_scores(table, scores)
         add_pairs(table, table, pairs)
         for lane in range(LANES):
             weights[lane] += table[WEIGHT, lane]
@@ -3042,7 +3043,7 @@ def plane_equations(matches: PlaneMatches, count: int, sigma: float, H: F64, b: 
         take_planes(matches, place(first), n, table)
         turn_rows(table, table)
         weigh(table, n, inverse, TUKEY, TUKEY_TUNING)
-        add_scores(table, table[PUSH], scores)
+        add_scores(table, scores)
         add_pairs(table, table, pairs)
     sum_pairs(pairs, 1.0, H)
     for m in range(6):

@@ -176,8 +176,8 @@ def unroll(
         known = depths[:: max(len(depths) // TYPICAL_EDGES, 1)]
         known = known[known > 0] if known.any() else depths[depths > 0]
         typical = np.float32(np.median(known)) if len(known) else typical
-    pixels, moved = np.empty_like(edges.pixels), np.empty_like(depths)
+    pixels, moved = np.empty(edges.pixels.shape, np.float32), np.empty_like(depths)
     kernels.unroll_pixels(
-        edges.pixels.ravel(), depths, typical, rows, velocity, camera, pixels.ravel(), moved
+        edges.pixels.ravel(), depths, typical, rows, velocity, camera, pixels.reshape(-1), moved
     )
     return EdgePixels(pixels, edges.gradients, moved)
