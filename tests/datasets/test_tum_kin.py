@@ -126,7 +126,8 @@ def test_icl_as_it_was_rendered(tmp_path, name, files, unit):
         ours, theirs = source.read(index).frame, twin.read(index).frame
         np.testing.assert_array_equal(ours.grey, theirs.grey)
         np.testing.assert_allclose(ours.depth, theirs.depth, atol=1.01e-4)  # its file's rounding
-    np.testing.assert_allclose(track(source).poses, track(twin).poses, atol=1e-4)
+    # as far apart as their depths, and a little
+    np.testing.assert_allclose(track(source).poses, track(twin).poses, atol=2e-4)
     assert_near(track(source), source.ground_truth)
 
 
