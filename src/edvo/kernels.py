@@ -297,7 +297,7 @@ class Solver(NamedTuple):
 def structured_light_noise(
     depth: F64, floor: float, slope: float, nearest: float, sigma: F64
 ) -> None:
-    """Write floor + slope (z - nearest)^2 of each depth."""
+    """Write the noise, floor + slope (z - nearest)^2, of depths z (N,): m, ``slope`` in 1/m."""
     for i in range(depth.size):
         off = depth[i] - nearest
         sigma[i] = floor + slope * (off * off)
@@ -688,9 +688,9 @@ def gather_gradients(index: I32, dx: I16, dy: I16, before: F32, middle: F32, aft
 def place_edges(
     index: I32, dx: I16, dy: I16, width: int, ways: F32, pixels: F32, gradients: F32
 ) -> None:
-    """Move pixels by ``ways``, each along a row or a column, and make gradients unit ones.
+    """Write N pixels (N, 2), each moved along a row or a column, and unit gradients (N, 2).
 
-    ``dx`` and ``dy`` are those of the whole image, flat.
+    ``ways`` (N,) is by how much, px; ``dx`` and ``dy`` (H W,) are those of the whole image.
     """
     per_width, one = 1 / width, np.float32(1)
     for k in range(place(index.size)):
@@ -709,8 +709,8 @@ def gather_lens(
 ) -> None:
     """Write what a lens does to edges: ideal pixel, how it changes with u and v, and gradient.
 
-    Eight lists, a ``BATCH`` apart. ``table`` is that of `describe_edges`; it, ``dx`` and ``dy`` are
-    flat.
+    Eight lists, a ``BATCH`` apart in ``room``. ``table`` (2 H W,) is that of `describe_edges`, flat
+    as are ``dx`` and ``dy`` (H W,).
     """
     per_width, one, half = 1 / width, np.float32(1), np.float32(0.5)
     for k in range(place(index.size)):
@@ -1346,13 +1346,6 @@ def warp_columns(X: F64, n: np.uint64, T: F64, Y: F64) -> None:
 
 
 @lean
-def copy_some(source: F64, n: np.uint64, target: F64) -> None:
-    """Copy the first n of a row."""
-    for i in range(n):
-        target[i] = source[i]
-
-
-@lean
 def add_along(normal: F64, before: F64, after: F64, n: np.uint64, residuals: F64) -> None:
     """Add to n distances what a way along one axis makes of them."""
     for i in range(n):
@@ -1368,13 +1361,12 @@ def carry_points(matches: PlaneMatches, count: int, T: F64, carried: PlaneMatche
     """
     n = place(count)
     warp_columns(matches.Y, n, T, carried.Y)
-    copy_some(matches.residuals, n, carried.residuals)
+    carried.residuals[:n] = matches.residuals[:n]
     for axis in range(3):
         normal = matches.normal[axis]
-        copy_some(normal, n, carried.normal[axis])
+        carried.normal[axis, :n] = normal[:n]
         add_along(normal, matches.Y[axis], carried.Y[axis], n, carried.residuals)
-    for i in range(n):
-        carried.point[i] = matches.point[i]
+    carried.point[:n] = matches.point[:n]
 
 
 @lean
@@ -1593,9 +1585,10 @@ def depths_across(patches: F32, sigma: F64, z: F64, found: F64) -> None:
     where they meet, the surface bends, and their mean counts; else the nearer one owns the edge.
     One side alone counts where the other has too few pixels with depth. 0 where a side that has
     enough is not plane, or does not tell the depth at the edge to the noise of one pixel, unless
-    one plane fits both. ``patches`` are by `copy_patches`, ``sigma`` (m) is the noise there, ``z``
-    (m) any depth nearby. No branch: on vectors.
+    one plane fits both. ``patches`` (pixels, N or more) are by `copy_patches`, ``sigma`` (m) is the
+    noise there, ``z`` (N,) any depth nearby, m. No branch: on vectors.
     """
+    # written out for three lines of three pixels to either side: ACROSS and HALF_LENGTH
     p, one_side = patches, ONE_SIDE * ONE_SIDE
     none = Sums(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     for k in range(place(z.size)):
