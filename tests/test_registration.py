@@ -14,7 +14,7 @@ from . import problems, twins
 TIGHT = {"stop_px": 1e-4, "stop_decrease": 0.0}
 
 
-def register(problem, *starts, matching=None, **changes):
+def register(problem, *starts, matching=None, floor_px=0.0, **changes):
     """Align the samples of a problem from some starts, the identity where none is given."""
     registration = Registration(
         problem.camera,
@@ -22,13 +22,29 @@ def register(problem, *starts, matching=None, **changes):
         RegistrationConfig(**{"weight": "t", **changes}),
     )
     index = registration.index(problem.reference)
-    return registration.align(index, problem.samples, np.array(starts or [np.eye(4)]))
+    starts = np.array(starts or [np.eye(4)])
+    return registration.align(index, problem.samples, starts, first_sigma_px=floor_px)
 
 
 def moved(seed, translation=0.05, rotation_deg=2.0, **options):
     rng = np.random.default_rng(seed)
     T = problems.motion(rng, translation, rotation_deg)
     return problems.segments_problem(seed, T, **options)
+
+
+def rails(T_ref_cur):
+    """Level lines in a plane that faces the reference, and a few plumb ones."""
+    across, down = np.linspace(150, 490, 340), np.linspace(150, 330, 30)
+    level = [(u, v, 0, 1) for v in np.linspace(100, 380, 8) for u in across]
+    plumb = [(u, v, 1, 0) for u in (160, 250, 390, 470) for v in down]
+    edges = np.array(level + plumb, np.float32)
+    pixels, gradients, camera = edges[:, :2], edges[:, 2:], problems.VGA
+    reference = EdgePixels(pixels, gradients, np.full(len(edges), 1.5, np.float32))
+    T = se3.inverse(T_ref_cur)
+    points = reference.points(camera) @ T[:3, :3].T + T[:3, 3]
+    seen = points[:, :2] / points[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+    samples = EdgePixels(seen.astype(np.float32), gradients.copy(), points[:, 2].astype(np.float32))
+    return problems.Problem(camera, reference, samples.every(4), T_ref_cur)
 
 
 def straight(rng, planes=(1.0,), n=60):
@@ -195,6 +211,19 @@ def test_the_best_of_several_starts_is_taken():
         alignment = register(problem, *starts, **TIGHT)
         assert problems.error(problem.T_ref_cur, alignment.T_ref_cur)[0] < 1e-3
     assert problems.error(problem.T_ref_cur, far.T_ref_cur)[0] > 0.01
+
+
+def test_edges_across_a_turn_count_where_the_scale_begins_wide():
+    """Most lines fit however far the camera has turned along them."""
+    turn = se3.exp([0, 0, 0, 0, 0.006, 0])  # 3 px, six times the usual floor of the scale
+    problem = rails(turn)
+    narrow = register(problem, weight="tukey")
+    wide = register(problem, weight="tukey", floor_px=2.0)
+    assert narrow.inliers < 0.97 * len(narrow.matches)
+    assert problems.error(turn, narrow.T_ref_cur)[1] > 0.2
+    assert problems.error(turn, wide.T_ref_cur)[1] < 0.01
+    lower = register(problem, weight="tukey", floor_px=0.1)
+    np.testing.assert_array_equal(lower.T_ref_cur, narrow.T_ref_cur)  # the higher floor counts
 
 
 @pytest.mark.parametrize("first_samples", [0, 60, 250])

@@ -119,6 +119,29 @@ def test_no_search_without_doubt(apart):
     assert not calls
 
 
+def test_in_doubt_a_frame_is_looked_at_widely_before_it_is_searched_for(apart, monkeypatch):
+    camera, frames, _ = apart
+    odometry = Odometry(camera)
+    odometry.track(frames[0])
+    align, wide = odometry._registration.align, []
+
+    def narrow(*given, first_sigma_px=0.0, **options):
+        found = align(*given, first_sigma_px=first_sigma_px, **options)
+        if first_sigma_px:
+            wide.append(found)
+            return found
+        return replace(found, residuals=found.residuals + 3, inliers=found.inliers // 2)
+
+    monkeypatch.setattr(odometry._registration, "align", narrow)
+    monkeypatch.setattr(odometry._search, "around", lambda *given: pytest.fail("searched for"))
+    noise = np.random.default_rng(0).integers(-1, 2, frames[0].grey.shape)
+    grey = np.clip(frames[0].grey + noise, 0, 255).astype(np.uint8)
+    result = odometry.track(Frame(frames[0].timestamp + PERIOD, grey, frames[0].depth))
+    assert result.status is Status.TRACKED
+    assert len(wide) == 1
+    assert result.alignment is wide[0]
+
+
 def test_where_depth_contradicts_the_edges_a_doubtful_frame_is_lost(apart):
     strict = ["status.doubt_inliers=1.0", "status.max_depth_sigma=1e-3"]
     result, *_ = second(apart, *strict, after=0.1)  # too soon for a far step

@@ -17,6 +17,7 @@ from edvo.status import Status, agreement, speed_of
 
 FAR_STEP = "a far step: of what both see enough fits, and nothing else does"
 NOT_ALONE = "a far step, and beside where it led the edges fit as well"
+WIDE_PX = 2.0  # scale of a second look: of a turn that was not foreseen by so much
 SURE = 0.8  # of the samples in place: depth that contradicts a far step then leads nowhere else
 
 
@@ -74,6 +75,10 @@ class Locator:
         if not self._config.motion.search_deg or (status is Status.TRACKED and not far):
             return alignment, status, reason
         with self._clock("search"):
+            if status is not Status.TRACKED and not far:
+                wide = self._widely(seen, starts, term)
+                alignment = self._better(alignment, wide, timestamp)
+                status, reason = self.assess(alignment, timestamp)
             if status is not Status.TRACKED:
                 other = self._search.around(key, course.T_key_last, seen, alignment)
                 alignment = self._better(alignment, other, timestamp)
@@ -173,6 +178,24 @@ class Locator:
 
     def _is_lost(self, alignment: Alignment, timestamp: float) -> bool:
         return self.assess(alignment, timestamp)[0] is Status.LOST
+
+    def _widely(self, seen: Seen, starts: NDArray[np.float64], term: DepthTerm) -> Alignment:
+        """Register from the same starts, but so that edges count which are some pixels off.
+
+        Where most edges run along a motion they fit from the start, wherever along it that is, and
+        the few across it, being off by more than these scatter, count as wrong matches.
+        """
+        key = self._course.key
+        return self._registration.align(
+            key.edges_for(near=seen.is_near),
+            seen.samples,
+            starts,
+            key.planes,
+            seen.points,
+            term,
+            self._lag(seen),
+            first_sigma_px=WIDE_PX,
+        )
 
     def _sharpest(
         self, seen: Seen, starts: NDArray[np.float64], term: DepthTerm, found: Alignment

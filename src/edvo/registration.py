@@ -278,6 +278,7 @@ class Registration:
         max_sigma_px: float = math.inf,
         *,
         far: bool = False,
+        first_sigma_px: float = 0.0,
     ) -> Alignment:
         """Find the motion between the reference and the current camera.
 
@@ -303,6 +304,9 @@ class Registration:
         far : bool, optional
             Whether the starts may be far off: then it begins with edges that are looked up, if
             ``RegistrationConfig.coarse_samples`` asks for that, and ends by ``far_leave_px``.
+        first_sigma_px : float, optional
+            Floor of the scale before the last stage, where the configured one is lower: edges that
+            are so far off count then.
 
         Returns
         -------
@@ -313,6 +317,8 @@ class Registration:
             solver = solver._replace(max_sigma=max_sigma_px)
         if far:
             solver = solver._replace(leave_px=self._leave_px)
+        if first_sigma_px > solver.first_sigma:
+            solver = solver._replace(first_sigma=first_sigma_px)
         n = len(samples)
         T, H = np.empty((4, 4)), np.zeros((6, 6))
         matches, packed = np.empty(n, np.int32), np.empty(n)
