@@ -30,7 +30,8 @@ from .test_witness import CAMERA, STILL, noisy, room
 
 PINHOLE = kernels.Pinhole(535.4, 539.2, 320.1, 247.6, 640, 480)
 FOLLOW = ("status.moving=follow",)
-LONG = ("keyframes.max_translation_m=0.3",)  # keyframes that last: the pose goes along the farther
+# keyframes that last, and edges that count alike: the pose goes along the farther
+LONG = ("keyframes.max_translation_m=0.3", "registration.profile_spread=0")
 # by whose luck these people are noticed late
 LATE = (
     *LONG,
@@ -180,6 +181,7 @@ def test_less_than_half_is_not_followed_where_depth_is_out_of_step(
             T_ref_cur=found.T_ref_cur @ aside,
             matches=np.resize(found.matches, n),
             residuals=np.resize(found.residuals, n),
+            trust=np.resize(found.trust, n),
             pixels=np.resize(found.pixels, (n, 2)),
             lag=AT_ONCE,
         )

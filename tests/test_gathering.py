@@ -35,7 +35,9 @@ BOUNDS = {
 def edges_of(seed=0, count=400):
     rng = np.random.default_rng(seed)
     edges = problems.random_edges(rng, count, CAMERA.width, CAMERA.height)
-    return EdgePixels(edges.pixels, edges.gradients, rng.uniform(0.5, 4, count).astype(np.float32))
+    depths = rng.uniform(0.5, 4, count).astype(np.float32)
+    profiles = rng.normal(size=(count, 2)).astype(np.float32)
+    return EdgePixels(edges.pixels, edges.gradients, depths, profiles)
 
 
 def test_carrying_edges_equals_its_numpy_twin():
@@ -44,13 +46,13 @@ def test_carrying_edges_equals_its_numpy_twin():
     edges.depths[1::40] = 0.06  # would come to lie behind the camera
     T = problems.motion(np.random.default_rng(2), 0.1, 12)
     n = len(edges)
-    pixels, gradients = np.empty((2, n, 2), np.float32)
+    pixels, gradients, profiles = np.empty((3, n, 2), np.float32)
     depths = np.empty(n, np.float32)
-    given = edges.pixels, edges.gradients, edges.depths, T
-    count = kernels.carry_edges(*given, camera_of(CAMERA), pixels, gradients, depths)
+    given = edges.pixels, edges.gradients, edges.depths, edges.profiles, T
+    count = kernels.carry_edges(*given, camera_of(CAMERA), pixels, gradients, depths, profiles)
     wanted = twins.carry_edges(*given, CAMERA)
     assert 200 < count < n - n // 7
-    for ours, twin in zip((pixels, gradients, depths), wanted, strict=True):
+    for ours, twin in zip((pixels, gradients, depths, profiles), wanted, strict=True):
         np.testing.assert_allclose(ours[:count], twin, atol=2e-3)
     np.testing.assert_allclose(np.linalg.norm(gradients[:count], axis=1), 1, atol=1e-6)
 

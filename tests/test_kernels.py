@@ -83,16 +83,25 @@ def test_describe_edges(rng, distorted, finely):
     mask[[0, 0, -1, -1], [0, -1, 0, -1]] = True
     index = np.flatnonzero(mask & ((dx != 0) | (dy != 0))).astype(np.int32)
     table = LENS.undistortion_table() if distorted else np.empty((0, 0, 2), np.float32)
-    pixels, gradients = np.empty((2, len(index), 2), np.float32)
-    _, (twin_pixels, twin_gradients) = both(
+    pixels, gradients, profiles = np.zeros((3, len(index), 2), np.float32)
+    given = index, dx, dy, table, finely, pixels, gradients
+    _, (twin_pixels, twin_gradients, twin_profiles) = both(
         "describe_edges",
-        lambda: kernels.describe_edges(index, dx, dy, table, finely, pixels, gradients),
+        lambda: kernels.describe_edges(*given, profiles),
         lambda: twins.describe_edges(index, dx, dy, table if distorted else None, finely),
     )
     np.testing.assert_allclose(pixels, twin_pixels, atol=1e-4)
     np.testing.assert_allclose(gradients, twin_gradients, atol=2e-4)
     # else this would show nothing
     assert (pixels % 1 != 0).any() == (finely or distorted)
+    if finely:
+        np.testing.assert_allclose(profiles, twin_profiles, rtol=1e-4, atol=1e-4)
+        assert 0.1 < profiles.any(axis=1).mean() < 0.9
+    else:
+        assert not profiles.any()  # there is none
+    with_room = pixels.copy()
+    kernels.describe_edges(*given, np.empty((0, 2), np.float32))
+    np.testing.assert_array_equal(pixels, with_room)
 
 
 @settings(max_examples=100)
@@ -105,16 +114,17 @@ def test_describe_edges_of_any_gradients(seed, shape, size):
     """Small images, whose borders are most of them, and the largest gradients that there are."""
     dx, dy = np.random.default_rng(seed).integers(-size, size + 1, (2, *shape)).astype(np.int16)
     index = np.flatnonzero((dx != 0) | (dy != 0)).astype(np.int32)
-    pixels, gradients = np.empty((2, len(index), 2), np.float32)
+    pixels, gradients, profiles = np.empty((3, len(index), 2), np.float32)
     none = np.empty((0, 0, 2), np.float32)
-    kernels.describe_edges(index, dx, dy, none, True, pixels, gradients)
-    expected, twin_gradients = twins.describe_edges(index, dx, dy, finely=True)
+    kernels.describe_edges(index, dx, dy, none, True, pixels, gradients, profiles)
+    expected, twin_gradients, twin_profiles = twins.describe_edges(index, dx, dy, finely=True)
     # the flatter it is, the less sure is where it is highest; and at the bound of what is flat
     # rounding decides
     bends = [abs(twins.parabola_at(dx, dy, *divmod(int(i), shape[1])[::-1])[2]) for i in index]
-    for mine, other, bend in zip(pixels, expected, bends, strict=True):
-        if abs(bend / kernels.FLAT - 1) > 0.9:
-            np.testing.assert_allclose(mine, other, atol=1e-5 + (1e-6 / bend if bend else 0))
+    sure = [abs(bend / kernels.FLAT - 1) > 0.9 for bend in bends]
+    for mine, other, bend in zip(pixels[sure], expected[sure], np.array(bends)[sure], strict=True):
+        np.testing.assert_allclose(mine, other, atol=1e-5 + (1e-6 / bend if bend else 0))
+    np.testing.assert_allclose(profiles[sure], twin_profiles[sure], rtol=1e-5, atol=1e-5)
     np.testing.assert_allclose(gradients, twin_gradients, atol=1e-5)
 
 
@@ -404,6 +414,7 @@ def solver(config=None, **changes):
         "max_rejections": config.max_rejections,
         "max_stretch": config.max_stretch,
         "kept_px": config.kept_px,
+        "profile_spread": config.profile_spread,
     }
     return kernels.Solver(**{**values, **changes})
 
@@ -689,13 +700,66 @@ def test_normal_equations(rng, residual, name):
     np.testing.assert_allclose(residuals, warped.residuals, atol=1e-9)
 
 
+def with_profiles(problem, rng):
+    """Give the edges of a problem profiles that say nothing of one another."""
+    reference, samples = problem.reference, problem.samples
+    known, seen = (rng.normal(0, 0.1, (len(each), 2)) for each in (reference, samples))
+    problem.reference = replace(reference, profiles=known.astype(np.float32))
+    problem.samples = replace(samples, profiles=(seen + np.array([0.5, -0.2])).astype(np.float32))
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("n", [1, 7, 399, 1000, 4500])
+def test_trust_in_matches(seed, n):
+    rng = np.random.default_rng(seed)
+    known, profiles = (rng.normal(0, 0.1, (size, 2)).astype(np.float32) for size in (300, n))
+    order = rng.permutation(300).astype(np.int32)
+    matches, residuals = kernels.new_matches(n), rng.normal(size=n)
+    matches.edge[:] = np.where(np.arange(n) % 10 == 5, -1, rng.integers(300, size=n))
+    matches.normal[:] = normals = rng.normal(size=(n, 2))
+    index = np.where(matches.edge >= 0, order[matches.edge], -1)
+    change, wanted = both(
+        "usual_change",
+        lambda: kernels.usual_change(order, known, profiles, matches, 2.0),
+        lambda: twins.usual_change(known, profiles, index, 2.0),
+    )
+    usual, wide, norm = wanted
+    np.testing.assert_allclose((change.strength, change.bend), usual, rtol=1e-5, atol=1e-7)
+    np.testing.assert_allclose((change.per_strength, change.per_bend), 1 / wide, rtol=1e-5)
+    assert change.norm == pytest.approx(norm, rel=1e-6)
+    given = residuals.copy()
+    kernels.trust_matches(order, known, profiles, change, matches, residuals)
+    trust = twins.trust(known, profiles, index, usual, wide, norm)
+    matched = index >= 0
+    count = np.count_nonzero(matched)
+    np.testing.assert_allclose(residuals[:count], given[:count] * trust[matched], rtol=1e-6)
+    np.testing.assert_array_equal(residuals[count:], given[count:])
+    np.testing.assert_allclose(matches.normal, trust[:, None] * normals, rtol=1e-6)
+    np.testing.assert_array_equal(matches.judged, matches.edge)
+    # one that stays is not asked for again, and one that changes is
+    matches.edge[:] = np.where(rng.random(n) < 0.5, matches.edge, rng.integers(300, size=n))
+    index = order[matches.edge]
+    kernels.trust_matches(order, known, profiles, change, matches, residuals)
+    again = twins.trust(known, profiles, index, usual, wide, norm)
+    now = matches.edge >= 0
+    np.testing.assert_allclose(matches.trust[now], again[now], rtol=1e-6)
+
+
+def test_where_nothing_matches_there_is_no_usual_change():
+    known, profiles = np.zeros((2, 5, 2), np.float32)
+    order, matches = np.arange(5, dtype=np.int32), kernels.new_matches(5)
+    change = kernels.usual_change(order, known, profiles, matches, 3.0)
+    assert change == kernels.Change(0.0, 0.0, 0.0, 0.0, 1.0)
+
+
 @pytest.mark.parametrize("weight", ["t", "huber", "tukey"])
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("max_sigma", [np.inf, 0.5])
-def test_align(seed, weight, max_sigma):
+@pytest.mark.parametrize(("max_sigma", "spread"), [(np.inf, 0), (0.5, 0), (np.inf, 1), (0.5, 3)])
+def test_align(seed, weight, max_sigma, spread):
     rng = np.random.default_rng(seed)
     problem = problems.segments_problem(seed, problems.motion(rng, 0.05, 2.0), outliers=0.1)
-    config = RegistrationConfig(weight=weight, first_samples=100)
+    with_profiles(problem, rng)
+    config = RegistrationConfig(weight=weight, first_samples=100, profile_spread=spread)
     matching = MatchingConfig(criterion="robust-then-normal")
     registration = Registration(problem.camera, matching, config)
     index = registration.index(problem.reference)
@@ -712,11 +776,13 @@ def test_align(seed, weight, max_sigma):
             Criterion(matching.gamma, *limits).compile(),
             Criterion(0.0, *limits).compile(),
             solver(config, max_sigma=max_sigma),
+            problem.samples.profiles,
         ),
     )
     np.testing.assert_allclose(alignment.T_ref_cur, T, atol=1e-6)
     assert alignment.iterations == iterations
     assert alignment.sigma_px <= max_sigma
+    assert (alignment.trust == 1).all() == (not spread)
     assert (alignment.matches == seen.matches).mean() > 0.98  # ties aside
 
 
@@ -811,9 +877,11 @@ def test_align_on_rendered_images():
             Criterion(matching.gamma, *limits).compile(),
             Criterion(0.0, *limits).compile(),
             solver(),
+            samples.profiles,
         ),
     )
     np.testing.assert_allclose(alignment.T_ref_cur, T, atol=1e-6)
+    assert (alignment.trust != 1).any()
     distance, angle = problems.error(se3.inverse(poses[0]) @ poses[3], alignment.T_ref_cur)
     assert distance < 0.015
     assert angle < 0.3
@@ -829,7 +897,8 @@ def test_shared_factors(rng, name):
     index = rng.integers(-1, 2000, 1500).astype(np.int32)
     residuals = np.where(index >= 0, rng.standard_t(3, 1500) * 0.2, np.nan)
     robustly = robust.WEIGHTS[name], robust.TUNING.get(name, 2.0)
-    arguments = (pixels, edges.gradients, index, residuals, *robustly, 0.2, 40.0, 12, 15, 4)
+    trust = rng.uniform(0.1, 1.5, 1500)
+    arguments = (pixels, edges.gradients, index, residuals, trust, *robustly, 0.2, 40.0, 12, 15, 4)
     value, expected = both(
         "shared_factors",
         lambda: kernels.shared_factors(*arguments),

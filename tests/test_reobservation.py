@@ -24,12 +24,12 @@ def samples_at(u, v, gradients):
     return EdgePixels(pixels, np.float32(gradients), np.ones(n, np.float32))
 
 
-def alignment(residuals, sigma=0.5):
+def alignment(residuals, sigma=0.5, trust=1.0):
     some = np.empty(0)
     n = len(residuals)
     return Alignment(
-        np.eye(4), np.eye(6), np.zeros(n, np.int32), np.array(residuals, float), np.zeros((n, 2)),
-        np.zeros((n, 2)), n, n, sigma, 0, 0.0, 0.0, 0.0, 0.0, 1, True, "", some
+        np.eye(4), np.eye(6), np.zeros(n, np.int32), np.array(residuals, float), np.full(n, trust),
+        np.zeros((n, 2)), np.zeros((n, 2)), n, n, sigma, 0, 0.0, 0.0, 0.0, 0.0, 1, True, "", some
     )  # fmt: skip
 
 
@@ -43,7 +43,7 @@ def test_at_first_all_are_alike():
 def test_a_cell_learns_from_its_own_edges_and_lines():
     known, across = Reobserved(CAMERA), [[1, 0]] * 3
     fits = 1 - (1 / 4.6851) ** 2  # at one sigma
-    known.note(samples_at(100, 70, across), alignment([0.5, np.nan, 100.0]))
+    known.note(samples_at(100, 70, across), alignment([0.25, np.nan, 50.0], trust=2.0))
     expected = (GUESSES * GUESS + fits**2) / (GUESSES + 3)
     worth = known.worth
     line = direction_of(1.0, 0.0) % 4

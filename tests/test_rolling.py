@@ -118,16 +118,14 @@ def test_the_equations_by_rows_equal_their_numpy_twin(weight):
     gradients = problems.random_edges(rng, 40).gradients
     matches = rng.integers(-1, 40, 90).astype(np.int32)
     residuals = np.where(matches < 0, np.nan, rng.normal(0, 0.5, 90))
+    trust = rng.uniform(0.2, 1.5, 90)
+    given = pixels, depths, gradients, matches, residuals, trust
     T = se3.exp(rng.normal(0, 0.1, 6))
     solver = registration_of(CAMERA, weight=weight).solver
     found = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros(6)
     rule = solver.weight, solver.tuning, 0.4
-    kernels.row_equations(
-        pixels, depths, gradients, matches, residuals, camera_of(CAMERA), T, *rule, *found
-    )
-    expected = twins.row_equations(
-        pixels, depths, gradients, matches, residuals, CAMERA, T, weight, *rule[1:]
-    )
+    kernels.row_equations(*given, camera_of(CAMERA), T, *rule, *found)
+    expected = twins.row_equations(*given, CAMERA, T, weight, *rule[1:])
     for got, wanted in zip(found, expected, strict=True):
         np.testing.assert_allclose(got, wanted, rtol=1e-6, atol=1e-4)
 

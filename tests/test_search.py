@@ -97,13 +97,18 @@ def test_a_far_step_that_fits_elsewhere_too_is_degraded(apart, monkeypatch):
     odometry = Odometry(camera)
     odometry.track(frames[0])
     monkeypatch.setattr(odometry._search, "is_alone", lambda *given: False)
-    noise = np.random.default_rng(0).integers(-1, 2, frames[0].grey.shape)
-    grey = np.clip(frames[0].grey + noise, 0, 255).astype(np.uint8)
-    soon = odometry.track(Frame(frames[0].timestamp + PERIOD, grey, frames[0].depth))
+    soon = odometry.track(shaken(frames[0], 1))
     assert soon.status is Status.TRACKED  # not far
     later = odometry.track(Frame(frames[0].timestamp + 0.6, frames[0].grey, frames[0].depth))
     assert later.status is Status.DEGRADED
     assert later.reason == NOT_ALONE
+
+
+def shaken(frame, k):
+    """The same view again, but for noise: else it is a repeat."""
+    noise = np.random.default_rng(k).integers(-1, 2, frame.grey.shape)
+    grey = np.clip(frame.grey + noise, 0, 255).astype(np.uint8)
+    return Frame(frame.timestamp + k * PERIOD, grey, frame.depth)
 
 
 def test_no_search_without_doubt(apart):
@@ -112,10 +117,7 @@ def test_no_search_without_doubt(apart):
     calls = []
     odometry._search.around = lambda *given: calls.append(given)
     odometry.track(frames[0])
-    noise = np.random.default_rng(0).integers(-1, 2, frames[0].grey.shape)  # else it is a repeat
-    grey = np.clip(frames[0].grey + noise, 0, 255).astype(np.uint8)
-    again = Frame(frames[0].timestamp + PERIOD, grey, frames[0].depth)
-    assert odometry.track(again).status is Status.TRACKED
+    assert odometry.track(shaken(frames[0], 1)).status is Status.TRACKED
     assert not calls
 
 
@@ -134,12 +136,37 @@ def test_in_doubt_a_frame_is_looked_at_widely_before_it_is_searched_for(apart, m
 
     monkeypatch.setattr(odometry._registration, "align", narrow)
     monkeypatch.setattr(odometry._search, "around", lambda *given: pytest.fail("searched for"))
-    noise = np.random.default_rng(0).integers(-1, 2, frames[0].grey.shape)
-    grey = np.clip(frames[0].grey + noise, 0, 255).astype(np.uint8)
-    result = odometry.track(Frame(frames[0].timestamp + PERIOD, grey, frames[0].depth))
+    result = odometry.track(shaken(frames[0], 1))
     assert result.status is Status.TRACKED
     assert len(wide) == 1
     assert result.alignment is wide[0]
+
+
+@pytest.mark.parametrize(("fitting", "is_asked"), [(0.7, True), (0.85, False)])
+def test_a_frame_that_fits_far_less_at_once_is_looked_at_widely(
+    apart, monkeypatch, fitting, is_asked
+):
+    """Though most of it does, and it would be tracked."""
+    camera, frames, _ = apart
+    odometry = Odometry(camera)
+    for k in range(4):
+        odometry.track(shaken(frames[0], k))
+    align, wide = odometry._registration.align, []
+
+    def narrow(*given, first_sigma_px=0.0, **options):
+        found = align(*given, first_sigma_px=first_sigma_px, **options)
+        wide.append(first_sigma_px)
+        n = len(found.matches)
+        return found if first_sigma_px else replace(found, inliers=int(fitting * n))
+
+    monkeypatch.setattr(odometry._registration, "align", narrow)
+    monkeypatch.setattr(odometry._search, "around", lambda *given: pytest.fail("searched for"))
+    result = odometry.track(shaken(frames[0], 4))
+    assert result.status is Status.TRACKED
+    assert (2.0 in wide) == is_asked
+    usual = odometry._judge.scatter
+    assert usual.fits_less(replace(result.alignment, inliers=0))
+    assert not usual.fits_less(replace(result.alignment, inliers=len(result.alignment.matches)))
 
 
 def test_where_depth_contradicts_the_edges_a_doubtful_frame_is_lost(apart):

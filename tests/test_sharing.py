@@ -51,6 +51,7 @@ def found(residuals):
         H=np.eye(6),
         matches=np.arange(len(residuals), dtype=np.int32),
         residuals=residuals,
+        trust=np.ones(len(residuals)),
         pixels=none.astype(np.float32),
         references=none.astype(np.float32),
         inliers=len(residuals),

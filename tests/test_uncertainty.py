@@ -172,9 +172,12 @@ def rows_by_numpy(problem, found, weight, tuning):
         a[:, 2] = -(a[:, :2] * Y[:, :2]).sum(axis=1) / Y[:, 2]
         return np.hstack([a, np.cross(Y, a)])
 
+    normal = normal * found.trust[has, None]
+    r = r * found.trust[has]
     R = found.T_ref_cur[:2, :2] / np.hypot(*found.T_ref_cur[:2, 0])
     roll = np.array([[R[0, 0], -R[1, 0]], [R[1, 0], R[0, 0]]])
     other = problem.samples.gradients[has] @ roll.T
+    other *= found.trust[has, None]
     other *= np.where((other * normal).sum(axis=1) < 0, -1, 1)[:, None]
     J = jacobian(normal)
     w = np.clip(1 - (r / found.sigma_px / tuning) ** 2, 0, None) ** 2
@@ -203,6 +206,7 @@ def test_parts_equal_their_numpy_twin(seed):
     index = registration.index(problem.reference)
     found = registration.align(index, problem.samples, problem.T_ref_cur[None])
     found.matches[len(found.matches) - seed :] = -1  # the last ones, or none
+    found.trust[:] = np.random.default_rng(seed).uniform(0.2, 1.5, len(found.trust))
     H, blur, parts = uncertainty.parts(
         index, problem.samples, NO_PLANES, NO_POINTS, EDGES_ALONE, found
     )

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from edvo import kernels, robust, se3
+from edvo.edges import NO_PROFILES
 
 MASK = (1 << 64) - 1
 NAMES = {code: name for name, code in robust.WEIGHTS.items()}
@@ -23,30 +24,48 @@ def collect_edges(mask):
 
 
 def parabola_at(dx, dy, u, v):
-    """Of the Gaussian through three gradients: along which axis, first and second differences."""
+    """Of the Gaussian through three gradients: along which axis, first and second differences.
+
+    And the logarithm of the one in the middle, NaN where there is no Gaussian.
+    """
     height, width = dx.shape
     if not (0 < u < width - 1 and 0 < v < height - 1):
-        return 0, 0.0, 0.0
+        return 0, 0.0, 0.0, np.nan
     g = np.array([dx[v, u], dy[v, u]], np.float64)
     around = np.stack((dx, dy), axis=-1)[v - 1 : v + 2, u - 1 : u + 2].astype(np.float64) @ g
     across = int(abs(g[1]) > abs(g[0]))
     left, middle, right = around.sum(axis=across)
+    height = np.nan
     if min(left, middle, right) > 0:
         left, middle, right = np.log([left, middle, right])
-    return across, left - right, left - 2 * middle + right
+        height = middle
+    return across, left - right, left - 2 * middle + right, height
 
 
 def offset_of(dx, dy, u, v):
     """From a pixel to its edge, (2,): the vertex of a Gaussian along the row or the column."""
-    across, skew, bend = parabola_at(dx, dy, u, v)
+    across, skew, bend, _ = parabola_at(dx, dy, u, v)
     offset = np.zeros(2)
     if bend < -kernels.FLAT:
         offset[across] = np.clip(skew / (2 * bend), -1, 1)
     return offset
 
 
+def profile_of(dx, dy, u, v):
+    """Logarithm of the gradient where it is highest, and its second difference, (2,).
+
+    The Gaussian is that of gradients times the one in the middle.
+    """
+    across, skew, bend, height = parabola_at(dx, dy, u, v)
+    if np.isnan(height):
+        return np.zeros(2)
+    way = offset_of(dx, dy, u, v)[across]
+    parabola = np.polynomial.Polynomial([height, -skew / 2, bend / 2])
+    return np.array([parabola(way) - height / 2, bend])
+
+
 def describe_edges(index, dx, dy, table=None, finely=False):
-    """Ideal pixels and unit gradients; ``table`` (H, W, 2) or None for an ideal camera."""
+    """Ideal pixels, unit gradients, profiles; ``table`` (H, W, 2) or None for an ideal camera."""
     width = dx.shape[1]
     v, u = np.divmod(index.astype(np.int64), width)
     gradients = np.column_stack((dx[v, u], dy[v, u])).astype(np.float64)
@@ -62,7 +81,9 @@ def describe_edges(index, dx, dy, table=None, finely=False):
         jacobian = np.stack((by_u[v, u], by_v[v, u]), axis=-1)
         gradients = np.linalg.solve(jacobian.transpose(0, 2, 1), gradients[:, :, None])[:, :, 0]
         offsets = (jacobian @ offsets[:, :, None])[:, :, 0]
-    return pixels + offsets, gradients / np.linalg.norm(gradients, axis=1, keepdims=True)
+    profiles = [profile_of(dx, dy, u[k], v[k]) for k in range(len(index) if finely else 0)]
+    unit = gradients / np.linalg.norm(gradients, axis=1, keepdims=True)
+    return pixels + offsets, unit, np.array(profiles).reshape(-1, 2)
 
 
 def depth_at(depth, u, v, radius, gap):
@@ -421,7 +442,37 @@ def stretch_step(H, step, last, went, most):
     return most * step if last @ H @ step > 0 else None
 
 
-def align(edges, points, gradients, camera, T, robust_criterion, normal_criterion, solver):
+def usual_change(known, profiles, matches, spread):
+    """By what profiles differ in the middle, and by what more they halve a match, each (2,).
+
+    Then the factor that makes the mean square of the trust 1.
+    """
+    some = np.arange(0, len(profiles), max(len(profiles) // kernels.PROFILES, 1))
+    some = some[matches[some] >= 0]
+    change = profiles[some].astype(np.float64) - known[matches[some]]
+    usual = np.median(change, axis=0)
+    wide = spread * np.maximum(np.median(abs(change - usual), axis=0), kernels.LEAST_CHANGE)
+    squares = 1 / (1 + (((change - usual) / wide) ** 2).sum(axis=1))
+    return usual, wide, 1 / np.sqrt(squares.mean())
+
+
+def trust(known, profiles, matches, usual, wide, norm):
+    """What each match is to be trusted, (N,); 1 where there is none."""
+    change = (profiles.astype(np.float64) - known[matches] - usual) / wide
+    return np.where(matches >= 0, norm / np.sqrt(1 + (change**2).sum(axis=1)), 1.0)
+
+
+def align(
+    edges,
+    points,
+    gradients,
+    camera,
+    T,
+    robust_criterion,
+    normal_criterion,
+    solver,
+    profiles=NO_PROFILES,
+):
     """Iterate Eq. (13)-(14) from T, through both stages; returns T, iterations and Warped."""
     function = NAMES[solver.weight]
     iterations, sigma = 0, 1.0
@@ -432,9 +483,22 @@ def align(edges, points, gradients, camera, T, robust_criterion, normal_criterio
     ):
         few, turned = points[::every], gradients[::every]
 
-        def look(pose, criterion=criterion, few=few, turned=turned):
+        compares = least > 0 and len(profiles) and solver.profile_spread
+        change = []
+
+        def look(
+            pose, criterion=criterion, few=few, turned=turned, compares=compares, change=change
+        ):
             signed = solver.residual == kernels.SIGNED
-            return warp_and_match(edges, few, turned, camera, pose, criterion, signed)
+            seen = warp_and_match(edges, few, turned, camera, pose, criterion, signed)
+            if compares:
+                given = edges.profiles, profiles, seen.matches
+                if not change:
+                    change[:] = usual_change(*given, solver.profile_spread)
+                counts = trust(*given, *change)[seen.matched]
+                seen.residuals = seen.residuals * counts
+                seen.normals = seen.normals * counts[:, None]
+            return seen
 
         def loss(seen, sigma, limit=criterion.limit, few=few):
             return mean_cost(seen.residuals, len(few), sigma, limit, function, solver.tuning)
@@ -494,11 +558,11 @@ def undercut(counts, share):
 # -------------------------------------------------------------------------------- shared errors
 
 
-def shared_factor(edges, normals, index, residuals, weight, tuning, sigma, cell, rows, cols):
+def shared_factor(edges, normals, index, residuals, trust, weight, tuning, sigma, cell, rows, cols):
     """Sum of |s_c|^2 over that of (w r)^2, s_c the sum of w r n over a cell; NaN: too few."""
     given = index >= 0
     r, k = residuals[given], index[given]
-    w = robust.weights(r / sigma, NAMES[weight], tuning)
+    w = robust.weights(trust[given] * r / sigma, NAMES[weight], tuning) * trust[given] ** 2
     r, k, w = r[w > 0], k[w > 0], w[w > 0]
     cells = np.clip(edges[k].astype(float) // cell, 0, (cols - 1, rows - 1))
     _, cell_of, counts = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
@@ -895,7 +959,7 @@ def blurred_gradients(grey, bits):
 # -------------------------------------------------------------------------------- other places
 
 
-def carry_edges(pixels, gradients, depths, T, camera):
+def carry_edges(pixels, gradients, depths, profiles, T, camera):
     """Where edges are seen from another place, by the line that each stands on."""
     X = camera.backproject(pixels.astype(np.float64), depths.astype(np.float64))
     along = np.column_stack((-gradients[:, 1] / camera.fx, gradients[:, 0] / camera.fy))
@@ -909,7 +973,7 @@ def carry_edges(pixels, gradients, depths, T, camera):
     line = f * (turned[:, :2] - Y[:, :2] / Y[:, 2:] * turned[:, 2:]) / Y[:, 2:]
     line /= np.linalg.norm(line, axis=1, keepdims=True)
     across = np.column_stack((line[:, 1], -line[:, 0]))
-    return there[seen], across[seen], Y[seen, 2]
+    return there[seen], across[seen], Y[seen, 2], profiles[usable][seen]
 
 
 # ------------------------------------------------------------------------------ rolling shutters
@@ -931,7 +995,9 @@ def unroll_pixels(pixels, depths, typical, rows, velocity, camera):
     return np.where(near[:, None], pixels, there), np.where(near, depths, nearer)
 
 
-def row_equations(pixels, depths, gradients, matches, residuals, camera, T, weight, tuning, sigma):
+def row_equations(
+    pixels, depths, gradients, matches, residuals, trust, camera, T, weight, tuning, sigma
+):
     """J^T W J times the row and times its square, and J^T W r times the row."""
     kept = matches >= 0
     Y = camera.backproject(pixels[kept].astype(np.float64), depths[kept].astype(np.float64))
@@ -941,7 +1007,7 @@ def row_equations(pixels, depths, gradients, matches, residuals, camera, T, weig
         (nu * camera.fx / z, nv * camera.fy / z, -(nu * camera.fx * x + nv * camera.fy * y) / z**2)
     )
     J, r = _derivative(Y, along), residuals[kept]
-    w = robust.weights(r / sigma, weight, tuning)
+    w = robust.weights(trust[kept] * r / sigma, weight, tuning) * trust[kept] ** 2
     row = pixels[kept, 1].astype(np.float64) / camera.height - 0.5
     H_row, H_rows = (J.T @ ((w * row**k)[:, None] * J) for k in (1, 2))
     return H_row, H_rows, J.T @ (w * row * r)

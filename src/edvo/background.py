@@ -239,7 +239,7 @@ class Background:
             kept = self._standing(view, T_key_cur)
             if view.far:
                 placed, _ = self._placed(view, T_key_cur)
-                kept = replace(kept, samples=_joined(kept.samples, placed))
+                kept = replace(kept, samples=kept.samples.joined(placed))
             alignment = self._align(view, kept, T_key_cur)
             if alignment is None:
                 return None
@@ -247,7 +247,7 @@ class Background:
         if view.far:
             placed, share = self._placed(view, T_key_cur)
             near = self._standing(view, T_key_cur)
-            near = replace(near, samples=_joined(near.samples, placed.every(FAR_LEFT)))
+            near = replace(near, samples=near.samples.joined(placed.every(FAR_LEFT)))
             again = self._align(view, near, T_key_cur)
             if again is not None:
                 share_near = self._placed(view, again.T_ref_cur)[1]
@@ -322,9 +322,7 @@ class Background:
         which = np.flatnonzero(still[1])
         return replace(
             seen,
-            samples=EdgePixels(
-                samples.pixels[which], samples.gradients[which], samples.depths[which]
-            ),
+            samples=samples.where(which),
             points=points._replace(
                 X=points.X[good], normals=points.normals[good], sigma=points.sigma[good]
             ),
@@ -381,14 +379,6 @@ class Background:
         depths = 1 / np.maximum(nearness, 1e-3)
         placed = replace(far.edges, depths=depths[far.block].astype(np.float32))
         return placed, float(most.sum()) / len(far.edges)
-
-
-def _joined(a: EdgePixels, b: EdgePixels) -> EdgePixels:
-    return EdgePixels(
-        np.concatenate([a.pixels, b.pixels]),
-        np.concatenate([a.gradients, b.gradients]),
-        np.concatenate([a.depths, b.depths]),
-    )
 
 
 def _distinct(poses: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64]]:

@@ -123,9 +123,8 @@ class SamplingConfig(Section):
     )
     max_growth: Annotated[float, Field(ge=1, allow_inf_nan=False)] = Field(
         default=3.0,
-        description="up to so many times N are drawn as far as edges err each by itself, frame "
-        "after frame, and are sharp, if that asks for 2.25 times N at least; 1: never more. "
-        "Not in the paper",
+        description="so many times N are drawn where edges are sharp, and of those of late N share "
+        "no more than what each errs by itself; 1: never more. Not in the paper",
     )
     cell_px: Annotated[int, Field(ge=1)] = Field(
         default=80, description="side of a grid cell; not in the paper. 48 cells at 640 x 480"
@@ -244,6 +243,12 @@ class RegistrationConfig(Section):
         default=3.0,
         description="times its length that a step may be which goes on as the one before; 1: "
         "all are as Eq. (14) gives them",
+    )
+    profile_spread: NotNegative = Field(
+        default=3.0,
+        description="in the last stage an edge counts half whose profile, how strong and how wide "
+        "it is, has changed since the keyframe by so many times what is usual in the frame: light "
+        "has then moved it, too; 0: all count alike. Not in the paper",
     )
     kept_px: NotNegative = Field(
         default=0.25,
@@ -689,6 +694,7 @@ PRESETS: dict[str, dict[str, Any]] = {
             "first_samples": 0,
             "max_stretch": 1.0,
             "kept_px": 0.0,
+            "profile_spread": 0.0,
         },
         "status": {
             "max_conflict": 0.0,

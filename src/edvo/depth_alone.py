@@ -163,6 +163,7 @@ class DepthAlone:
             H=H / sigma**2,
             matches=np.full(n, kernels.NO_MATCH, np.int32),
             residuals=np.full(n, np.nan),
+            trust=np.ones(n),
             pixels=samples.pixels,
             references=np.full((n, 2), np.nan, np.float32),
             inliers=0,

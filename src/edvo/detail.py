@@ -13,9 +13,8 @@ from edvo.planes import FINER
 from edvo.sharing import SharedErrors
 
 # Once what is shared is so many times what each errs by alone, more of them tell little:
-EDGES_ENOUGH = 5.0  # of the samples,
-DEPTH_ENOUGH = 3.0  # of the usual points of depth, if they were all over the image,
-LEAST_GROWTH = 2.25  # times the usual samples: fewer gain less than their time is worth
+EDGES_ENOUGH = 1.0  # of the usual samples,
+DEPTH_ENOUGH = 3.0  # of the usual points of depth, if they were all over the image
 STAY = 1.5  # times that where they are fine already, of which a little more or less is measured
 BLURRED_PX = 0.8  # edges that scatter so widely are smeared: more of those tell nothing new
 # Planes say nothing along themselves: where few edges are left, those alone do, and have to count.
@@ -70,8 +69,8 @@ def worthwhile_detail(
     Parameters
     ----------
     config : Config
-        Its ``sampling.max_growth`` bounds the samples; ``planes.finer`` says whether planes may be
-        fine.
+        Its ``sampling.max_growth`` says how many more samples there may be, ``planes.finer``
+        whether planes may be fine.
     camera : Camera
     shared : SharedErrors
     was_fine : bool, optional
@@ -84,10 +83,9 @@ def worthwhile_detail(
     Detail
     """
     count, growth = config.sampling.count, 1.0
-    together = shared.edge_share * count  # that the usual samples have, in times of their own
-    pays = together * LEAST_GROWTH <= EDGES_ENOUGH  # no, where nothing is known
+    pays = shared.edge_share * count <= EDGES_ENOUGH  # no, where nothing is known
     if pays and shared.scatter_px < BLURRED_PX:
-        growth = EDGES_ENOUGH / max(together, EDGES_ENOUGH / config.sampling.max_growth)
+        growth = config.sampling.max_growth
     points = camera.width * camera.height / config.planes.point_step_px**2
     is_fine = bool(
         config.planes.finer == "measured"

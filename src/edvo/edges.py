@@ -5,7 +5,7 @@ under different light; the two extractors that it is compared with are here as w
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TypeVar, cast
 
 import cv2
@@ -22,6 +22,7 @@ BINOMIAL_PX, BINOMIAL_BITS = 5, 8  # the blur that a kernel does, and the bits t
 _Grey = TypeVar("_Grey", np.uint8, np.float32)
 NO_TABLE = np.empty((0, 0, 2), np.float32)
 NO_TABLE.setflags(write=False)  # as Camera.undistortion_table: else its kernel compiles twice
+NO_PROFILES = np.empty((0, 2), np.float32)
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,11 +38,16 @@ class EdgePixels:
         edge (Eq. 11).
     depths : ndarray of float32, shape (N,)
         Depth in metres; 0 where there is none, or where it was not asked for.
+    profiles : ndarray of float32, shape (N, 2) or (0, 2), optional
+        What they look like across: the logarithm of the gradient's magnitude where it is highest,
+        but for a constant, and the second difference of that logarithm from pixel to pixel. Empty
+        where edges lie on pixels, or that is not known of all of them.
     """
 
     pixels: NDArray[np.float32]
     gradients: NDArray[np.float32]
     depths: NDArray[np.float32]
+    profiles: NDArray[np.float32] = field(default_factory=lambda: NO_PROFILES)
 
     def __len__(self) -> int:
         return len(self.pixels)
@@ -61,6 +67,7 @@ class EdgePixels:
             np.ascontiguousarray(self.pixels[::stride]),
             np.ascontiguousarray(self.gradients[::stride]),
             np.ascontiguousarray(self.depths[::stride]),
+            np.ascontiguousarray(self.profiles[::stride]),
         )
 
     def first(self, count: int) -> "EdgePixels":
@@ -74,20 +81,29 @@ class EdgePixels:
         -------
         EdgePixels
         """
-        return EdgePixels(self.pixels[:count], self.gradients[:count], self.depths[:count])
+        return EdgePixels(
+            self.pixels[:count],
+            self.gradients[:count],
+            self.depths[:count],
+            self.profiles[:count],
+        )
 
-    def where(self, chosen: NDArray[np.bool_]) -> "EdgePixels":
+    def where(self, chosen: NDArray[np.bool_] | NDArray[np.intp]) -> "EdgePixels":
         """Take some of them.
 
         Parameters
         ----------
-        chosen : ndarray of bool, shape (N,)
+        chosen : ndarray of bool, shape (N,), or of int, shape (M,)
+            Which, or their positions.
 
         Returns
         -------
         EdgePixels
         """
-        return EdgePixels(self.pixels[chosen], self.gradients[chosen], self.depths[chosen])
+        profiles = self.profiles[chosen] if len(self.profiles) else NO_PROFILES
+        return EdgePixels(
+            self.pixels[chosen], self.gradients[chosen], self.depths[chosen], profiles
+        )
 
     def joined(self, others: "EdgePixels") -> "EdgePixels":
         """Put others behind them.
@@ -100,10 +116,12 @@ class EdgePixels:
         -------
         EdgePixels
         """
+        known = len(self.profiles) == len(self) and len(others.profiles) == len(others)
         return EdgePixels(
             np.concatenate((self.pixels, others.pixels)),
             np.concatenate((self.gradients, others.gradients)),
             np.concatenate((self.depths, others.depths)),
+            np.concatenate((self.profiles, others.profiles)) if known else NO_PROFILES,
         )
 
     def points(self, camera: Camera) -> NDArray[np.float64]:
@@ -161,6 +179,8 @@ class EdgeImage:
     ) -> EdgePixels:
         """Pixel and unit gradient of the edges, with the lens distortion taken out of both.
 
+        And profiles, as the lens leaves them.
+
         Parameters
         ----------
         camera : Camera
@@ -178,10 +198,13 @@ class EdgeImage:
         table = camera.undistortion_table() if camera.is_distorted else NO_TABLE
         pixels = np.empty((len(index), 2), np.float32)
         gradients = np.empty((len(index), 2), np.float32)
-        kernels.describe_edges(index, self.du, self.dv, table, self.is_fine, pixels, gradients)
-        return EdgePixels(
-            pixels, gradients, np.zeros(len(index), np.float32) if depths is None else depths
+        profiles = np.empty((len(index) if self.is_fine else 0, 2), np.float32)
+        if depths is None:
+            depths = np.zeros(len(index), np.float32)
+        kernels.describe_edges(
+            index, self.du, self.dv, table, self.is_fine, pixels, gradients, profiles
         )
+        return EdgePixels(pixels, gradients, depths, profiles)
 
 
 class EdgeBuffers:

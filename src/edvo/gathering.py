@@ -41,19 +41,24 @@ def carried(edges: EdgePixels, T: NDArray[np.float64], camera: Camera) -> EdgePi
     """
     n = len(edges)
     there = EdgePixels(
-        np.empty((n, 2), np.float32), np.empty((n, 2), np.float32), np.empty(n, np.float32)
+        np.empty((n, 2), np.float32),
+        np.empty((n, 2), np.float32),
+        np.empty(n, np.float32),
+        np.empty_like(edges.profiles),
     )
     count = kernels.carry_edges(
         edges.pixels,
         edges.gradients,
         edges.depths,
+        edges.profiles,
         np.ascontiguousarray(T, np.float64),
         camera_of(camera),
         there.pixels,
         there.gradients,
         there.depths,
+        there.profiles,
     )
-    return EdgePixels(there.pixels[:count], there.gradients[:count], there.depths[:count])
+    return there.first(count)
 
 
 def unknown(known: EdgeIndex, edges: EdgePixels, camera: Camera) -> EdgePixels:
@@ -72,7 +77,7 @@ def unknown(known: EdgeIndex, edges: EdgePixels, camera: Camera) -> EdgePixels:
     """
     near = Criterion(0.0, camera.width, KNOWN_PX, KNOWN_DEG)
     new = known.match(edges.pixels, edges.gradients, near).indices < 0
-    return EdgePixels(edges.pixels[new], edges.gradients[new], edges.depths[new])
+    return edges.where(new)
 
 
 def gather(

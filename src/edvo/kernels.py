@@ -55,6 +55,8 @@ NOWHERE = np.uint32(1023 << EDGE_BITS)
 LOG_2 = np.float32(np.log(2))
 ROOT_OF_HALF = np.int32(np.float32(np.sqrt(0.5)).view(np.int32))  # its bits
 FLAT = np.float32(1e-6)  # a bend of less than that is none: logarithms are not more exact
+PROFILES = 400  # so many tell how profiles usually change,
+LEAST_CHANGE = 0.02  # which is by no less: noise of the image
 # So much is at hand together, and stays in the nearest cache:
 PATCHES = 64  # of edges,
 BATCH = 1024  # edges, with their gradients and what a lens does to them
@@ -183,6 +185,18 @@ class Matches(NamedTuple):
     bound: F64  # (N,) px; there, no other edge had a lower root of the cost
     Y: F64  # (N, 3) the sample in the reference camera, m
     normal: F64  # (N, 2) what the residual is measured along
+    trust: F64  # (N,) what residual and normal were multiplied by
+    judged: I32  # (N,) sorted index of the edge that this is for, or NO_MATCH
+
+
+class Change(NamedTuple):
+    """How profiles of samples usually differ from those of their matches; see `write_profiles`."""
+
+    strength: float  # the middle difference, and
+    per_strength: float  # one over what difference from that makes a match half as good
+    bend: float  # the same of the second number
+    per_bend: float
+    norm: float  # makes the mean square of the trust 1
 
 
 class PlaneMap(NamedTuple):
@@ -288,6 +302,7 @@ class Solver(NamedTuple):
     max_rejections: int  # in a row
     max_stretch: float  # times its length that a step may be which goes on as the last; 1: none
     kept_px: float  # rms change below which a step of the last stage leaves points on their planes
+    profile_spread: float  # times the usual change of a profile that halves a match; 0: not asked
 
 
 # --------------------------------------------------------------------------------------- sensor
@@ -653,6 +668,38 @@ def find_vertices(before: F32, middle: F32, after: F32, skews: F32, bends: F32, 
         ways[i] = min(max(way, -one), one)
 
 
+@lean_float
+def write_profiles(
+    before: F32,
+    middle: F32,
+    after: F32,
+    skews: F32,
+    bends: F32,
+    ways: F32,
+    logs: F32,
+    room: F32,
+    profiles: F32,
+) -> None:
+    """Write what edges look like across (N, 2): height and bend of the parabola of `find_vertices`.
+
+    That is the logarithm of the gradient where it is highest, but for a constant, and its second
+    difference, which is -1 / sigma^2 for a step that a Gaussian has blurred: light changes neither
+    that, nor the difference of heights from edge to edge. (0, 0) where there is no Gaussian.
+    """
+    zero, half, one = np.float32(0), np.float32(0.5), np.float32(1)
+    for i in range(logs.size):
+        b, m, a = before[i], middle[i], after[i]
+        logs[i] = m if (b > zero) & (m > zero) & (a > zero) else one
+    take_logs(logs, logs.view(np.int32), room)
+    for i in range(place(logs.size)):
+        b, m, a = before[i], middle[i], after[i]
+        rises = (b > zero) & (m > zero) & (a > zero)
+        bend, way = bends[i], ways[i]
+        # each is a gradient times the one in the middle, which itself is a square
+        height = half * (logs[i] + way * (way * bend - skews[i]))
+        profiles[i, 0], profiles[i, 1] = height if rises else zero, bend if rises else zero
+
+
 @lean
 def three(values: I16, i: np.int64, beside: int) -> np.int64:
     """Sum three values that lie side by side, so far apart."""
@@ -765,17 +812,19 @@ def describe_edges(
     finely: bool,
     pixels: F32,
     gradients: F32,
+    profiles: F32,
 ) -> None:
-    """Write ideal pixel and unit gradient of each edge given by its flat index.
+    """Write ideal pixel, unit gradient and profile of each edge given by its flat index.
 
     ``table`` (H, W, 2) holds the ideal pixel of each raw one, or is empty for an ideal camera.
     If asked to do so ``finely``, an edge is moved along a row or a column, whichever lies nearer
     to its gradient, to the vertex of the Gaussian through three gradients (after Devernay 1995).
+    Only then has it a profile, and only if there is room for that.
     """
     height, width = dx.shape
     across, down, flat = dx.ravel(), dy.ravel(), table.ravel()
     most = min(index.size, BATCH)
-    room, lens = np.zeros((6, most), np.float32), np.empty((8, BATCH), np.float32)
+    room, lens = np.zeros((8, most), np.float32), np.empty((8, BATCH), np.float32)
     for first in range(0, index.size, BATCH):
         last = min(first + BATCH, index.size)
         n, some = last - first, index[first:last]
@@ -783,7 +832,12 @@ def describe_edges(
         if finely:
             before, middle, after = room[0][:n], room[1][:n], room[2][:n]
             gather_gradients(some, dx, dy, before, middle, after)
-            find_vertices(before, middle, after, room[3][:n], room[4][:n], ways)
+            skews, bends = room[3][:n], room[4][:n]
+            find_vertices(before, middle, after, skews, bends, ways)
+            if profiles.size > 0:
+                logs, exponents = room[6][:n], room[7][:n]
+                to = profiles[first:last]
+                write_profiles(before, middle, after, skews, bends, ways, logs, exponents, to)
         if table.size == 0:
             place_edges(some, across, down, width, ways, pixels[first:last], gradients[first:last])
         else:
@@ -2549,16 +2603,19 @@ def carry_edges(
     pixels: F32,
     gradients: F32,
     depths: F32,
+    profiles: F32,
     T: F64,
     camera: Pinhole,
     carried: F32,
     turned: F32,
     moved_depths: F32,
+    kept: F32,
 ) -> int:
     """Write where edges with depth are to be seen from another place, and their unit gradients.
 
     ``T`` maps points to that camera. A gradient is carried by the line that it stands on, which is
-    taken to lie at the depth of the edge. Returns how many are in the view; the rest are left out.
+    taken to lie at the depth of the edge; its profile, if it has one, stays. Returns how many are
+    in the view; the rest are left out.
     """
     n = 0
     for i in range(depths.size):
@@ -2587,6 +2644,8 @@ def carry_edges(
         carried[n, 0], carried[n, 1] = u, v
         turned[n, 0], turned[n, 1] = dv / length, -du / length
         moved_depths[n] = Z
+        if profiles.size > 0:
+            kept[n, 0], kept[n, 1] = profiles[i, 0], profiles[i, 1]
         n += 1
     return n
 
@@ -2966,6 +3025,7 @@ def row_equations(
     gradients: F32,
     matches: I32,
     residuals: F64,
+    trust: F64,
     camera: Pinhole,
     T: F64,
     weight: int,
@@ -2978,7 +3038,7 @@ def row_equations(
     """Accumulate J^T W J times the row and its square, and J^T W r times the row.
 
     Rows go from -1/2 to 1/2. ``gradients`` are those of the reference, ``residuals`` one for each
-    sample, ``matches`` as `align` gives them.
+    sample, ``matches`` and ``trust`` as `align` gives them.
     """
     J = np.empty(6)
     inverse = 1 / (sigma * sigma)
@@ -2996,9 +3056,10 @@ def row_equations(
         pz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
         if pz < MIN_DEPTH:
             continue
-        au, av = gradients[k, 0] * camera.fx / pz, gradients[k, 1] * camera.fy / pz
+        per_z = trust[i] / pz
+        au, av = gradients[k, 0] * camera.fx * per_z, gradients[k, 1] * camera.fy * per_z
         write_row(au, av, -(au * px + av * py) / pz, px, py, pz, J)
-        r = residuals[i]
+        r = trust[i] * residuals[i]
         row = pixels[i, 1] / camera.height - 0.5
         w = robust_weight(r * r * inverse, weight, tuning) * row
         for m in range(6):
@@ -3059,6 +3120,8 @@ def new_matches(n: int) -> Matches:
         np.empty(n),
         np.empty((n, 3)),
         np.empty((n, 2)),
+        np.ones(n),
+        np.full(n, NO_MATCH, np.int32),
     )
 
 
@@ -3068,6 +3131,66 @@ def copy_matches(source: Matches, target: Matches) -> None:
     target.edge[:] = source.edge
     target.query[:] = source.query
     target.bound[:] = source.bound
+    target.trust[:] = source.trust
+    target.judged[:] = source.judged
+
+
+@compiled
+def usual_change(order: I32, known: F32, profiles: F32, matches: Matches, spread: float) -> Change:
+    """How the ``profiles`` of samples differ from those of their matches, ``known`` by ``order``.
+
+    By medians over some hundreds of them: whatever changes all edges alike, as exposure and blur
+    do, is no reason to doubt any. A difference ``spread`` times the usual one halves a match.
+    """
+    n = profiles.shape[0]
+    strengths, bends = np.empty(n, np.float32), np.empty(n, np.float32)
+    count = place(0)
+    for i in range(0, n, max(n // PROFILES, 1)):
+        k = matches.edge[i]
+        if k >= 0:
+            edge = place(order[k])
+            strengths[count] = profiles[i, 0] - known[edge, 0]
+            bends[count] = profiles[i, 1] - known[edge, 1]
+            count += place(1)
+    if count == 0:
+        return Change(0.0, 0.0, 0.0, 0.0, 1.0)
+    strengths, bends = strengths[:count], bends[:count]
+    strength, bend = np.median(strengths), np.median(bends)
+    usual = np.median(np.abs(strengths - strength)), np.median(np.abs(bends - bend))
+    per_strength = 1 / (spread * max(usual[0], LEAST_CHANGE))
+    per_bend = 1 / (spread * max(usual[1], LEAST_CHANGE))
+    squares = 0.0
+    for i in range(place(count)):
+        x, y = (strengths[i] - strength) * per_strength, (bends[i] - bend) * per_bend
+        squares += 1 / (1 + x * x + y * y)
+    return Change(float(strength), per_strength, float(bend), per_bend, np.sqrt(count / squares))
+
+
+@compiled
+def trust_matches(
+    order: I32, known: F32, profiles: F32, change: Change, matches: Matches, residuals: F64
+) -> None:
+    """Multiply residuals, packed, and normals by what each match is to be trusted.
+
+    An edge that looks otherwise than its match is elsewhere, too: part of it is shadow, or what
+    stands beside it has become brighter. That of a match which has stayed is not asked for again.
+    """
+    count = place(0)
+    for i in range(place(profiles.shape[0])):
+        k = matches.edge[i]
+        if k < 0:
+            continue
+        if k != matches.judged[i]:
+            edge = place(order[k])
+            x = (profiles[i, 0] - known[edge, 0] - change.strength) * change.per_strength
+            y = (profiles[i, 1] - known[edge, 1] - change.bend) * change.per_bend
+            matches.trust[i] = change.norm / np.sqrt(1 + x * x + y * y)
+            matches.judged[i] = k
+        trust = matches.trust[i]
+        matches.normal[i, 0] *= trust
+        matches.normal[i, 1] *= trust
+        residuals[count] *= trust
+        count += place(1)
 
 
 @compiled
@@ -3116,8 +3239,10 @@ def best_start(
 def align(
     grid: Grid,
     nearby: NearMap,
+    known: F32,
     points: F64,
     gradients: F32,
+    profiles: F32,
     camera: Pinhole,
     starts: F64,
     robust: Criterion,
@@ -3134,6 +3259,7 @@ def align(
     H: F64,
     index: I32,
     residuals: F64,
+    trust: F64,
     history: F64,
 ) -> tuple[int, int, int, float, float, int, float, float]:
     """Register samples (points, gradients) with a reference, Eq. (13)-(14), from the best start.
@@ -3144,8 +3270,10 @@ def align(
     Where a map of edges nearby is given they are looked up first: few samples, no search; and
     stage 0 follows only if that does not converge. A step counts by the rms change of the
     residuals that it predicts. Writes T, H (weights included), index (of the matches among the
-    reference edges, NO_MATCH where none), residuals (packed, in sample order) and history, a row
-    an iteration: stage, matches, sigma, cost, step, damping, accepted, cost of the trial.
+    reference edges, NO_MATCH where none), residuals (packed, in sample order), trust and history, a
+    row an iteration: stage, matches, sigma, cost, step, damping, accepted, cost of the trial.
+    In the last stage edges whose profile has changed from what is ``known`` of their match, where
+    both are given, count less: sigma is that of residuals times their ``trust`` (N,), 1 elsewhere.
     A step all but equal to one that was rejected is not tried again, and has that one's cost.
     A step that goes on as the one before is stretched by what that one has left over, and, where
     there is a map, so is the first that is rejected; rejected itself, it is tried as it was.
@@ -3185,6 +3313,8 @@ def align(
     sigma, cost, total = 1.0, 0.0, 0.0
     moves = 1 + lag.share  # by how much points move with the pose, near the last one
     settled = False  # by looking up: the robust criterion has nothing left to do
+    usual = Change(0.0, 0.0, 0.0, 0.0, 1.0)
+    has_profiles = known.size > 0 and profiles.size > 0 and solver.profile_spread > 0
     for stage in range(LOOK_UP, last_stage + 1):
         if stage < first_stage and (stage > LOOK_UP or nearby.keys.size == 0):
             continue
@@ -3220,6 +3350,11 @@ def align(
             matches,
             residuals,
         )
+        compares = has_profiles and stage == last_stage
+        if compares:
+            spread = solver.profile_spread
+            usual = usual_change(grid.order, known, profiles, matches, spread)
+            trust_matches(grid.order, known, profiles, usual, matches, residuals)
         if m > 0:
             there = lagged(T, lag).copy()
             near_count = match_planes(planes, surface, camera, there, term, near, apart)
@@ -3302,6 +3437,8 @@ def align(
                     trial,
                     trial_residuals,
                 )
+                if compares:
+                    trust_matches(grid.order, known, profiles, usual, trial, trial_residuals)
                 row[7] = mean_cost(
                     trial_residuals, trial_count, taken, sigma, criterion.limit, solver
                 )
@@ -3376,9 +3513,14 @@ def align(
                 near_count = match_planes(planes, surface, camera, lagged(T, lag), term, near)
             break
     orthonormalize(T)
+    packed = place(0)
     for i in range(n):
         k = matches.edge[i]
         index[i] = grid.order[k] if k >= 0 else NO_MATCH
+        trust[i] = matches.trust[i] if k >= 0 else 1.0
+        if k >= 0:
+            residuals[packed] /= trust[i]
+            packed += place(1)
     return reason, iterations, count, sigma, cost, near_count, sigma_d, balance
 
 
@@ -3692,6 +3834,7 @@ def score_parts(
     edges: F32,
     normals: F32,
     index: I32,
+    trust: F64,
     points: F64,
     gradients: F32,
     noise: F64,
@@ -3719,8 +3862,9 @@ def score_parts(
     Errors are taken to be shared within a square cell of the reference image and independent
     between cells. With s_c the sum over cell c, the parts are: the scores of edges that are
     observed, s(w J r); those of planes; that of depths which are off together by their ``noise``
-    (N,), m; and the score of all edges at once, which that of the planes holds in balance. H is in
-    px^2, as is that of ``align``; parts are in px^4.
+    (N,), m; and the score of all edges at once, which that of the planes holds in balance. J and r
+    of an edge are multiplied by its ``trust`` (N,), as in ``align``. H is in px^2, as is that of
+    ``align``; parts are in px^4.
     """
     parts[:] = 0
     cols = int(camera.width / cell) + 1
@@ -3749,12 +3893,14 @@ def score_parts(
             else:
                 r = np.sqrt(du * du + dv * dv)
                 nu, nv = (du / r, dv / r) if r > 0 else (np.float64(0), np.float64(0))
-            au, av = nu * camera.fx / pz, nv * camera.fy / pz
+            per_z = trust[i] / pz
+            r *= trust[i]
+            au, av = nu * camera.fx * per_z, nv * camera.fy * per_z
             aw = -(au * px + av * py) / pz
             gu = cosine * gradients[i, 0] - sine * gradients[i, 1]
             gv = sine * gradients[i, 0] + cosine * gradients[i, 1]
             side = 1.0 if gu * nu + gv * nv >= 0 else -1.0
-            bu, bv = (nu - side * gu) * camera.fx / pz, (nv - side * gv) * camera.fy / pz
+            bu, bv = (nu - side * gu) * camera.fx * per_z, (nv - side * gv) * camera.fy * per_z
             table[0, lane], table[1, lane], table[2, lane] = au, av, aw
             table[POINT, lane], table[POINT + 1, lane], table[POINT + 2, lane] = px, py, pz
             table[RESIDUAL, lane] = r
@@ -3859,6 +4005,7 @@ def shared_factors(
     normals: F32,
     index: I32,
     residuals: F64,
+    trust: F64,
     weight: int,
     tuning: float,
     sigma: float,
@@ -3869,11 +4016,12 @@ def shared_factors(
 ) -> tuple[float, float]:
     """By what factor errors that are shared within a cell add to the variance of sums over it.
 
-    ``index`` are the matches among ``edges`` and their ``normals``, ``residuals`` their distances.
-    With s_c the sum of w r n over cell c, that is the sum of |s_c|^2 over that of (w r)^2: 1 where
-    residuals are independent of one another, and the number in a cell where they are all the
-    same. NaN where there are too few to a cell to tell: less than one pair an edge. The second one
-    is that of cells which are so many ``times`` as wide and as high.
+    ``index`` are the matches among ``edges`` and their ``normals``, ``residuals`` their distances,
+    and ``trust`` t what `align` says. With s_c the sum of w t^2 r n over cell c, where w is the
+    weight of t r, that is the sum of |s_c|^2 over that of (w t^2 r)^2: 1 where residuals are
+    independent of one another, and the number in a cell where they are all the same. NaN where
+    there are too few to a cell to tell: less than one pair an edge. The second one is that of cells
+    which are so many ``times`` as wide and as high.
     """
     sums = np.zeros((rows * cols, 3))
     inverse, per_px = 1 / (sigma * sigma), 1 / cell
@@ -3882,10 +4030,11 @@ def shared_factors(
         if index[i] < 0:
             continue
         k = place(index[i])
-        w = robust_weight(residuals[i] * residuals[i] * inverse, weight, tuning)
+        r = trust[i] * residuals[i]
+        w = robust_weight(r * r * inverse, weight, tuning)
         if w <= 0:
             continue
-        push = w * residuals[i]
+        push = w * trust[i] * r
         # an ideal pixel may lie outside the image
         row = min(max(int(edges[k, 1] * per_px), 0), rows - 1)
         col = min(max(int(edges[k, 0] * per_px), 0), cols - 1)

@@ -72,10 +72,13 @@ class Locator:
             with self._clock("search"):
                 alignment = self._sharpest(seen, starts, term, alignment)
         status, reason = self.assess(alignment, timestamp)
-        if not self._config.motion.search_deg or (status is Status.TRACKED and not far):
+        if not self._config.motion.search_deg:
+            return alignment, status, reason
+        unsure = status is not Status.TRACKED or self._judge.scatter.fits_less(alignment)
+        if not far and not unsure:
             return alignment, status, reason
         with self._clock("search"):
-            if status is not Status.TRACKED and not far:
+            if not far:
                 wide = self._widely(seen, starts, term)
                 alignment = self._better(alignment, wide, timestamp)
                 status, reason = self.assess(alignment, timestamp)

@@ -93,6 +93,10 @@ class Alignment:
         Reference edge of each sample; -1 where it has none.
     residuals : ndarray of float64, shape (N,)
         Pixels; NaN where there is no match.
+    trust : ndarray of float64, shape (N,)
+        What each counts, as a factor on residual and derivative: less than others where an edge
+        looks otherwise than its match (``RegistrationConfig.profile_spread``); the mean square of
+        some hundreds is 1. 1 where that is not known, or there is no match.
     pixels : ndarray of float32, shape (N, 2)
         Ideal pixel of each sample in the current image.
     references : ndarray of float32, shape (N, 2)
@@ -103,7 +107,7 @@ class Alignment:
         Inliers whose gradient is that of their match, to 45 degrees: where edges are dense, a
         neighbour is found near any pixel, but one that is turned alike only by chance.
     sigma_px : float
-        Scale of the residuals; 0 where depth was registered alone.
+        Scale of the residuals, times their trust; 0 where depth was registered alone.
     plane_points : int
         Points of the depth image that lie near a plane of the reference.
     plane_area : float
@@ -130,6 +134,7 @@ class Alignment:
     H: NDArray[np.float64]
     matches: NDArray[np.int32]
     residuals: NDArray[np.float64]
+    trust: NDArray[np.float64]
     pixels: NDArray[np.float32]
     references: NDArray[np.float32]
     inliers: int
@@ -227,6 +232,7 @@ class Registration:
             max_rejections=registration.max_rejections,
             max_stretch=registration.max_stretch,
             kept_px=registration.kept_px,
+            profile_spread=registration.profile_spread,
         )
 
     @property
@@ -321,13 +327,15 @@ class Registration:
             solver = solver._replace(first_sigma=first_sigma_px)
         n = len(samples)
         T, H = np.empty((4, 4)), np.zeros((6, 6))
-        matches, packed = np.empty(n, np.int32), np.empty(n)
+        matches, packed, trust = np.empty(n, np.int32), np.empty(n), np.empty(n)
         history = np.empty((self._solver.max_iterations, kernels.HISTORY))
         code, iterations, _, sigma, cost, on_planes, sigma_depth, balance = kernels.align(
             reference.grid,
             reference.near if far and solver.coarse_samples else NOTHING_NEAR,
+            reference.edges.profiles,
             samples.points(self._camera),
             samples.gradients,
+            samples.profiles,
             self._pinhole,
             np.ascontiguousarray(starts, np.float64),
             self._robust,
@@ -344,6 +352,7 @@ class Registration:
             H,
             matches,
             packed,
+            trust,
             history,
         )
         residuals, matched = np.empty(n), np.empty((n, 2), np.float32)
@@ -363,6 +372,7 @@ class Registration:
             H=H,
             matches=matches,
             residuals=residuals,
+            trust=trust,
             pixels=samples.pixels,
             references=matched,
             inliers=inliers,

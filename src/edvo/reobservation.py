@@ -61,7 +61,8 @@ class Reobserved:
         directions = np.empty(len(samples), np.int32)
         kernels.directions_of(samples.gradients, directions)
         cell = (row * cols + col) * lines + directions % lines
-        share = np.nan_to_num(alignment.residuals, nan=np.inf) / alignment.sigma_px
+        share = np.nan_to_num(alignment.residuals, nan=np.inf) * alignment.trust
+        share /= alignment.sigma_px
         weight = np.maximum(1 - (share / TUNING["tukey"]) ** 2, 0) ** 2
         self._fitted = FADES * self._fitted + np.bincount(cell, weight, self._fitted.size)
         self._asked = FADES * self._asked + np.bincount(cell, minlength=self._asked.size)

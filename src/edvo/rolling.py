@@ -95,7 +95,7 @@ class RollingShutter:
         Returns
         -------
         EdgePixels
-            With the gradients that they had.
+            With the gradients and the profiles that they had.
         """
         rows = self.rows(edges.pixels)
         if not len(rows):
@@ -121,6 +121,7 @@ class RollingShutter:
             moment.keyframe.edges.edges.gradients,
             alignment.matches,
             alignment.residuals,
+            alignment.trust,
             self._pinhole,
             T,
             self._solver.weight,
@@ -180,4 +181,4 @@ def unroll(
     kernels.unroll_pixels(
         edges.pixels.ravel(), depths, typical, rows, velocity, camera, pixels.reshape(-1), moved
     )
-    return EdgePixels(pixels, edges.gradients, moved)
+    return EdgePixels(pixels, edges.gradients, moved, edges.profiles)

@@ -20,6 +20,7 @@ CLEARLY = 10.0  # in log-likelihood: 5 is strong evidence, of edges that do not 
 NO_WORSE = 0.95  # times what depth fitted: no less than chance
 LEAST_AREA = 0.04  # of the image; less of it on planes says nothing
 LEFT = 0.8  # of what lay on planes, where nothing has come before the lens
+FEWER = 0.2  # of the samples, that at once fit no longer: something has come between
 AGREEING_SIGMA = 3.0  # times the sensor's noise, at which depth agrees half
 
 _BINS = np.arange(0, RANGE_PX + BIN_PX / 2, BIN_PX)
@@ -44,6 +45,7 @@ class Scatter:
         self._status = config.status
         self._usual_px = math.inf  # the mean sigma_px of late
         self._usual_area = 0.0  # how much of the image lay on planes
+        self._usual_fit = 0.0  # how many of the samples fitted, as a share
 
     @property
     def sharp_px(self) -> float:
@@ -58,8 +60,11 @@ class Scatter:
         alignment : Alignment
         """
         sigma_px = max(alignment.sigma_px, LEAST_PX)
+        fit = _fitting(alignment)
         if math.isinf(self._usual_px):
             self._usual_px, self._usual_area = sigma_px, alignment.plane_area
+            self._usual_fit = fit
+        self._usual_fit += SHARE * (fit - self._usual_fit)
         self._usual_px += SHARE * (sigma_px - self._usual_px)
         self._usual_area += SHARE * (alignment.plane_area - self._usual_area)
 
@@ -82,6 +87,19 @@ class Scatter:
         if not jump or alignment.reason in FAILURES:
             return False
         return alignment.sigma_px > jump * self._usual_px and self._has_usual_depth(alignment)
+
+    def fits_less(self, alignment: Alignment) -> bool:
+        """Whether far fewer of the samples fit than of late.
+
+        Parameters
+        ----------
+        alignment : Alignment
+
+        Returns
+        -------
+        bool
+        """
+        return _fitting(alignment) < self._usual_fit - FEWER
 
     def in_place(self, alignment: Alignment) -> int:
         """Count the edges that lie where edges that fit do.
@@ -122,6 +140,10 @@ class Scatter:
         """Whether as much depth lies on planes as did of late: light leaves it, a hand does not."""
         known = self._usual_area >= LEAST_AREA
         return known and alignment.plane_area >= LEFT * self._usual_area
+
+
+def _fitting(alignment: Alignment) -> float:
+    return alignment.inliers / max(len(alignment.matches), 1)
 
 
 def is_sharper(alignment: Alignment, other: Alignment) -> bool:

@@ -171,6 +171,7 @@ class SharedErrors:
             reference.gradients,
             alignment.matches,
             alignment.residuals,
+            alignment.trust,
             self._solver.weight,
             self._solver.tuning,
             alignment.sigma_px,

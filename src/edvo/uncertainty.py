@@ -100,6 +100,7 @@ class Uncertainty:
             reference.edges.pixels,
             reference.edges.gradients,
             alignment.matches,
+            alignment.trust,
             samples.points(self._camera),
             samples.gradients,
             self._noise.sigma_z(samples.depths),
