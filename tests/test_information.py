@@ -19,7 +19,8 @@ PERIOD = 1 / 30
 BOUND_M = 0.12
 BOUNDS = (f"keyframes.max_translation_m={BOUND_M}", "keyframes.max_rotation_deg=90")
 EARLY = "keyframes.early_share=0.67"
-ALIKE = ("sampling.max_growth=1", "planes.finer=none")  # what is taken from each frame
+# what is taken from each frame, and what its edges count
+ALIKE = ("sampling.max_growth=1", "planes.finer=none", "registration.profile_spread=0")
 
 
 def covariance(seed, size=1.0):

@@ -718,18 +718,19 @@ def test_trust_in_matches(seed, n):
     matches.edge[:] = np.where(np.arange(n) % 10 == 5, -1, rng.integers(300, size=n))
     matches.normal[:] = normals = rng.normal(size=(n, 2))
     index = np.where(matches.edge >= 0, order[matches.edge], -1)
-    change, wanted = both(
+    seen = profiles, problems.random_edges(rng, n).gradients
+    change, (middle, wide, norm) = both(
         "usual_change",
-        lambda: kernels.usual_change(order, known, profiles, matches, 2.0),
-        lambda: twins.usual_change(known, profiles, index, 2.0),
+        lambda: kernels.usual_change(order, known, *seen, matches, 2.0),
+        lambda: twins.usual_change(known, *seen, index, 2.0),
     )
-    usual, wide, norm = wanted
-    np.testing.assert_allclose((change.strength, change.bend), usual, rtol=1e-5, atol=1e-7)
-    np.testing.assert_allclose((change.per_strength, change.per_bend), 1 / wide, rtol=1e-5)
-    assert change.norm == pytest.approx(norm, rel=1e-6)
+    np.testing.assert_allclose(change.middle, middle, rtol=1e-5, atol=1e-7)
+    assert (len(np.unique(change.middle)) > 2) == (n > 100)  # a few tell of no direction
+    np.testing.assert_allclose(change.per, 1 / wide, rtol=1e-5)
+    np.testing.assert_allclose(change.norm, norm, rtol=1e-5)
     given = residuals.copy()
-    kernels.trust_matches(order, known, profiles, change, matches, residuals)
-    trust = twins.trust(known, profiles, index, usual, wide, norm)
+    kernels.trust_matches(order, known, *seen, change, matches, residuals)
+    trust = twins.trust(known, *seen, index, middle, wide, norm)
     matched = index >= 0
     count = np.count_nonzero(matched)
     np.testing.assert_allclose(residuals[:count], given[:count] * trust[matched], rtol=1e-6)
@@ -739,17 +740,18 @@ def test_trust_in_matches(seed, n):
     # one that stays is not asked for again, and one that changes is
     matches.edge[:] = np.where(rng.random(n) < 0.5, matches.edge, rng.integers(300, size=n))
     index = order[matches.edge]
-    kernels.trust_matches(order, known, profiles, change, matches, residuals)
-    again = twins.trust(known, profiles, index, usual, wide, norm)
+    kernels.trust_matches(order, known, *seen, change, matches, residuals)
+    again = twins.trust(known, *seen, index, middle, wide, norm)
     now = matches.edge >= 0
     np.testing.assert_allclose(matches.trust[now], again[now], rtol=1e-6)
 
 
 def test_where_nothing_matches_there_is_no_usual_change():
-    known, profiles = np.zeros((2, 5, 2), np.float32)
+    known, profiles, gradients = np.ones((3, 5, 2), np.float32)
     order, matches = np.arange(5, dtype=np.int32), kernels.new_matches(5)
-    change = kernels.usual_change(order, known, profiles, matches, 3.0)
-    assert change == kernels.Change(0.0, 0.0, 0.0, 0.0, 1.0)
+    change = kernels.usual_change(order, known, profiles, gradients, matches, 3.0)
+    for got, wanted in zip(change, kernels.no_change(), strict=True):
+        np.testing.assert_array_equal(got, wanted)
 
 
 @pytest.mark.parametrize("weight", ["t", "huber", "tukey"])

@@ -504,7 +504,7 @@ def imbalance(registration, source, reference, samples, planes, points, term, fo
     near = kernels.new_plane_matches(m)
     near_count = kernels.match_planes(planes, points, camera, T, term, near)
     matched = matches.edge >= 0
-    Y, normal = matches.Y[matched], matches.normal[matched]
+    Y, normal = matches.Y[matched], matches.normal[matched] * found.trust[matched, None]
     edges = reference.grid.points[matches.edge[matched], :2]
     near_Y, across = near.Y[:, :near_count].T, near.normal[:, :near_count].T
     offsets = np.einsum("ij,ij->i", across, near_Y) - near.residuals[:near_count]

@@ -9,10 +9,12 @@ from scipy.special import erf
 from edvo.config import Config, EdgesConfig, RegistrationConfig
 from edvo.edges import EdgePixels, extract_edges
 from edvo.gathering import unknown
+from edvo.kernels import LINE_DIRECTIONS
 from edvo.matching import EdgeIndex
 
 from . import problems
 from .test_registration import moved, register
+from .twins import directions_of
 
 BLUR = 1.0  # px^2, the variance of the binomial blur that gradients are taken of,
 BOX = 1 / 3  # and of what their central difference takes the mean over
@@ -108,7 +110,7 @@ def changed(seed, height=0.5, bend=0.0, off_px=0.4):
     problem = moved(seed, count=900)
     rng = np.random.default_rng(seed)
     reference, samples = problem.reference, problem.samples
-    which = samples.pixels[:, 0] > np.quantile(samples.pixels[:, 0], 2 / 3)
+    which = rng.random(len(samples)) < 1 / 3
     pixels = samples.pixels + rng.normal(0, 0.05, samples.pixels.shape)
     pixels += np.where(which[:, None], off_px * samples.gradients, 0)
     profiles = rng.normal(0, 0.03, (len(samples), 2)) + which[:, None] * np.array([height, bend])
@@ -145,6 +147,25 @@ def test_what_changes_all_edges_alike_changes_nothing():
     after = register(problem)
     np.testing.assert_allclose(after.T_ref_cur, before.T_ref_cur, atol=1e-7)
     np.testing.assert_allclose(after.trust, before.trust, rtol=1e-4)
+
+
+def test_what_changes_all_of_a_direction_alike_changes_nothing():
+    """As blur does, of edges across which the camera moves: else they held the pose no longer."""
+    problem, _ = changed(1, height=0.0)
+    before = register(problem)
+    samples = problem.samples
+    level = directions_of(samples.gradients) % LINE_DIRECTIONS == 1
+    assert 0.1 < level.mean() < 0.5
+    softer = samples.profiles + level[:, None] * np.float32([-0.75, 0.25])
+    problem.samples = replace(samples, profiles=softer.astype(np.float32))
+    after = register(problem)
+    np.testing.assert_allclose(after.trust, before.trust, rtol=1e-4)
+    few = np.flatnonzero(level)[::15]  # that do tell of no blur
+    assert len(few) < 20
+    odd = samples.profiles.copy()
+    odd[few] += np.float32([-0.75, 0.25])
+    problem.samples = replace(samples, profiles=odd)
+    assert (register(problem).trust[few] < 0.4).mean() > 0.8
 
 
 @pytest.mark.parametrize("side", ["reference", "samples"])

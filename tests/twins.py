@@ -442,24 +442,30 @@ def stretch_step(H, step, last, went, most):
     return most * step if last @ H @ step > 0 else None
 
 
-def usual_change(known, profiles, matches, spread):
-    """By what profiles differ in the middle, and by what more they halve a match, each (2,).
+def usual_change(known, profiles, gradients, matches, spread):
+    """By what profiles differ in the middle (4, 2), and by what more they halve a match (2,).
 
-    Then the factor that makes the mean square of the trust 1.
+    The middle is that of edges of each direction, where some tell. Then the factor that makes the
+    mean square of the trust 1, for each direction.
     """
     some = np.arange(0, len(profiles), max(len(profiles) // kernels.PROFILES, 1))
     some = some[matches[some] >= 0]
     change = profiles[some].astype(np.float64) - known[matches[some]]
-    usual = np.median(change, axis=0)
-    wide = spread * np.maximum(np.median(abs(change - usual), axis=0), kernels.LEAST_CHANGE)
-    squares = 1 / (1 + (((change - usual) / wide) ** 2).sum(axis=1))
-    return usual, wide, 1 / np.sqrt(squares.mean())
+    lines = directions_of(gradients[some]) % kernels.LINE_DIRECTIONS
+    of_line = [lines == line for line in range(kernels.LINE_DIRECTIONS)]
+    of_line = [which if which.sum() >= kernels.OF_A_LINE else lines >= 0 for which in of_line]
+    middle = np.array([np.median(change[which], axis=0) for which in of_line])
+    change = change - middle[lines]
+    wide = spread * np.maximum(np.median(abs(change), axis=0), kernels.LEAST_CHANGE)
+    squares = 1 / (1 + ((change / wide) ** 2).sum(axis=1))
+    return middle, wide, np.array([1 / np.sqrt(squares[which].mean()) for which in of_line])
 
 
-def trust(known, profiles, matches, usual, wide, norm):
+def trust(known, profiles, gradients, matches, middle, wide, norm):
     """What each match is to be trusted, (N,); 1 where there is none."""
-    change = (profiles.astype(np.float64) - known[matches] - usual) / wide
-    return np.where(matches >= 0, norm / np.sqrt(1 + (change**2).sum(axis=1)), 1.0)
+    lines = directions_of(gradients) % kernels.LINE_DIRECTIONS
+    change = (profiles.astype(np.float64) - known[matches] - middle[lines]) / wide
+    return np.where(matches >= 0, norm[lines] / np.sqrt(1 + (change**2).sum(axis=1)), 1.0)
 
 
 def align(
@@ -492,7 +498,7 @@ def align(
             signed = solver.residual == kernels.SIGNED
             seen = warp_and_match(edges, few, turned, camera, pose, criterion, signed)
             if compares:
-                given = edges.profiles, profiles, seen.matches
+                given = edges.profiles, profiles, gradients, seen.matches
                 if not change:
                     change[:] = usual_change(*given, solver.profile_spread)
                 counts = trust(*given, *change)[seen.matched]

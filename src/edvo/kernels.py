@@ -56,7 +56,8 @@ LOG_2 = np.float32(np.log(2))
 ROOT_OF_HALF = np.int32(np.float32(np.sqrt(0.5)).view(np.int32))  # its bits
 FLAT = np.float32(1e-6)  # a bend of less than that is none: logarithms are not more exact
 PROFILES = 400  # so many tell how profiles usually change,
-LEAST_CHANGE = 0.02  # which is by no less: noise of the image
+LEAST_CHANGE = 0.02  # which is by no less: noise of the image;
+OF_A_LINE = 20  # of one direction tell how that changes
 # So much is at hand together, and stays in the nearest cache:
 PATCHES = 64  # of edges,
 BATCH = 1024  # edges, with their gradients and what a lens does to them
@@ -192,11 +193,9 @@ class Matches(NamedTuple):
 class Change(NamedTuple):
     """How profiles of samples usually differ from those of their matches; see `write_profiles`."""
 
-    strength: float  # the middle difference, and
-    per_strength: float  # one over what difference from that makes a match half as good
-    bend: float  # the same of the second number
-    per_bend: float
-    norm: float  # makes the mean square of the trust 1
+    middle: F64  # (LINE_DIRECTIONS, 2) the middle difference of edges of each direction
+    per: F64  # (2,) one over what difference from that makes a match half as good
+    norm: F64  # (LINE_DIRECTIONS,) makes the mean square of the trust 1
 
 
 class PlaneMap(NamedTuple):
@@ -3136,39 +3135,72 @@ def copy_matches(source: Matches, target: Matches) -> None:
 
 
 @compiled
-def usual_change(order: I32, known: F32, profiles: F32, matches: Matches, spread: float) -> Change:
+def no_change() -> Change:
+    """Profiles that are as they were."""
+    return Change(np.zeros((LINE_DIRECTIONS, 2)), np.zeros(2), np.ones(LINE_DIRECTIONS))
+
+
+@compiled
+def usual_change(
+    order: I32, known: F32, profiles: F32, gradients: F32, matches: Matches, spread: float
+) -> Change:
     """How the ``profiles`` of samples differ from those of their matches, ``known`` by ``order``.
 
-    By medians over some hundreds of them: whatever changes all edges alike, as exposure and blur
-    do, is no reason to doubt any. A difference ``spread`` times the usual one halves a match.
+    By medians over some hundreds of them: whatever changes all edges alike, as exposure does, or
+    all along one direction, as blur does, is no reason to doubt any. What is off these by
+    ``spread`` times the usual halves a match. Trust only goes from edge to edge of like direction:
+    else blur would leave nothing to hold the pose across it.
     """
     n = profiles.shape[0]
-    strengths, bends = np.empty(n, np.float32), np.empty(n, np.float32)
+    changes, lines = np.empty((2, n), np.float32), np.empty(n, np.int32)
     count = place(0)
     for i in range(0, n, max(n // PROFILES, 1)):
         k = matches.edge[i]
         if k >= 0:
             edge = place(order[k])
-            strengths[count] = profiles[i, 0] - known[edge, 0]
-            bends[count] = profiles[i, 1] - known[edge, 1]
+            changes[0, count] = profiles[i, 0] - known[edge, 0]
+            changes[1, count] = profiles[i, 1] - known[edge, 1]
+            lines[count] = direction_of(gradients[i, 0], gradients[i, 1]) % LINE_DIRECTIONS
             count += place(1)
+    change = no_change()
     if count == 0:
-        return Change(0.0, 0.0, 0.0, 0.0, 1.0)
-    strengths, bends = strengths[:count], bends[:count]
-    strength, bend = np.median(strengths), np.median(bends)
-    usual = np.median(np.abs(strengths - strength)), np.median(np.abs(bends - bend))
-    per_strength = 1 / (spread * max(usual[0], LEAST_CHANGE))
-    per_bend = 1 / (spread * max(usual[1], LEAST_CHANGE))
-    squares = 0.0
+        return change
+    some = np.empty(count, np.float32)
+    for c in range(2):
+        values = changes[c, :count]
+        of_all = np.median(values)
+        for line in range(LINE_DIRECTIONS):
+            among = place(0)
+            for i in range(place(count)):
+                if lines[i] == line:
+                    some[among] = values[i]
+                    among += place(1)
+            change.middle[line, c] = np.median(some[:among]) if among >= OF_A_LINE else of_all
+        for i in range(place(count)):
+            values[i] -= change.middle[lines[i], c]
+        change.per[c] = 1 / (spread * max(np.median(np.abs(values)), LEAST_CHANGE))
+    squares, counts = np.zeros(LINE_DIRECTIONS), np.zeros(LINE_DIRECTIONS)
     for i in range(place(count)):
-        x, y = (strengths[i] - strength) * per_strength, (bends[i] - bend) * per_bend
-        squares += 1 / (1 + x * x + y * y)
-    return Change(float(strength), per_strength, float(bend), per_bend, np.sqrt(count / squares))
+        x, y = changes[0, i] * change.per[0], changes[1, i] * change.per[1]
+        squares[lines[i]] += 1 / (1 + x * x + y * y)
+        counts[lines[i]] += 1
+    for line in range(LINE_DIRECTIONS):
+        if counts[line] >= OF_A_LINE:
+            change.norm[line] = np.sqrt(counts[line] / squares[line])
+        else:
+            change.norm[line] = np.sqrt(counts.sum() / squares.sum())
+    return change
 
 
 @compiled
 def trust_matches(
-    order: I32, known: F32, profiles: F32, change: Change, matches: Matches, residuals: F64
+    order: I32,
+    known: F32,
+    profiles: F32,
+    gradients: F32,
+    change: Change,
+    matches: Matches,
+    residuals: F64,
 ) -> None:
     """Multiply residuals, packed, and normals by what each match is to be trusted.
 
@@ -3182,9 +3214,10 @@ def trust_matches(
             continue
         if k != matches.judged[i]:
             edge = place(order[k])
-            x = (profiles[i, 0] - known[edge, 0] - change.strength) * change.per_strength
-            y = (profiles[i, 1] - known[edge, 1] - change.bend) * change.per_bend
-            matches.trust[i] = change.norm / np.sqrt(1 + x * x + y * y)
+            line = direction_of(gradients[i, 0], gradients[i, 1]) % LINE_DIRECTIONS
+            x = (profiles[i, 0] - known[edge, 0] - change.middle[line, 0]) * change.per[0]
+            y = (profiles[i, 1] - known[edge, 1] - change.middle[line, 1]) * change.per[1]
+            matches.trust[i] = change.norm[line] / np.sqrt(1 + x * x + y * y)
             matches.judged[i] = k
         trust = matches.trust[i]
         matches.normal[i, 0] *= trust
@@ -3313,7 +3346,7 @@ def align(
     sigma, cost, total = 1.0, 0.0, 0.0
     moves = 1 + lag.share  # by how much points move with the pose, near the last one
     settled = False  # by looking up: the robust criterion has nothing left to do
-    usual = Change(0.0, 0.0, 0.0, 0.0, 1.0)
+    usual = no_change()
     has_profiles = known.size > 0 and profiles.size > 0 and solver.profile_spread > 0
     for stage in range(LOOK_UP, last_stage + 1):
         if stage < first_stage and (stage > LOOK_UP or nearby.keys.size == 0):
@@ -3353,8 +3386,8 @@ def align(
         compares = has_profiles and stage == last_stage
         if compares:
             spread = solver.profile_spread
-            usual = usual_change(grid.order, known, profiles, matches, spread)
-            trust_matches(grid.order, known, profiles, usual, matches, residuals)
+            usual = usual_change(grid.order, known, profiles, gradients, matches, spread)
+            trust_matches(grid.order, known, profiles, gradients, usual, matches, residuals)
         if m > 0:
             there = lagged(T, lag).copy()
             near_count = match_planes(planes, surface, camera, there, term, near, apart)
@@ -3438,7 +3471,9 @@ def align(
                     trial_residuals,
                 )
                 if compares:
-                    trust_matches(grid.order, known, profiles, usual, trial, trial_residuals)
+                    trust_matches(
+                        grid.order, known, profiles, gradients, usual, trial, trial_residuals
+                    )
                 row[7] = mean_cost(
                     trial_residuals, trial_count, taken, sigma, criterion.limit, solver
                 )
