@@ -264,7 +264,14 @@ def test_a_far_step_is_not_gathered():
 
 def test_nothing_is_left_to_be_compiled_when_light_changes():
     warm_up(Config())
-    used = kernels.carry_edges, kernels.match_in_grid, kernels.blurred_gradients
+    used = (
+        kernels.carry_edges,
+        kernels.match_in_grid,
+        kernels.blurred_gradients,
+        kernels.put_strong_first,
+        kernels.solve_damped,
+        kernels.shared_depth_factor,
+    )
     before = [len(kernel.signatures) for kernel in used]
     assert min(before) > 0
     odometry, _ = follow(in_two_lights(10)[0])

@@ -169,6 +169,48 @@ def test_a_frame_that_fits_far_less_at_once_is_looked_at_widely(
     assert not usual.fits_less(replace(result.alignment, inliers=len(result.alignment.matches)))
 
 
+@pytest.mark.parametrize(
+    ("changes", "is_taken"),
+    [({}, True), ({"converged": False}, False), ({"sigma_depth": 4.0}, False)],
+)
+def test_a_tracked_frame_is_only_left_for_what_is_tracked_and_clearer(
+    apart, monkeypatch, changes, is_taken
+):
+    """And is not searched for then."""
+    camera, frames, _ = apart
+    odometry = Odometry(camera)
+    for k in range(4):
+        odometry.track(shaken(frames[0], k))
+    align, wide, narrow = odometry._registration.align, [], []
+
+    def less(*given, first_sigma_px=0.0, **options):
+        found = align(*given, first_sigma_px=first_sigma_px, **options)
+        if first_sigma_px:
+            wide.append(replace(found, **changes))
+            return wide[-1]
+        n = len(found.matches)
+        off = np.where(np.arange(n) % 10 < 3, 5.0, found.residuals)
+        narrow.append(replace(found, residuals=off, inliers=int(0.7 * n)))
+        return narrow[-1]
+
+    monkeypatch.setattr(odometry._registration, "align", less)
+    monkeypatch.setattr(odometry._search, "around", lambda *given: pytest.fail("searched for"))
+    result = odometry.track(shaken(frames[0], 4))
+    assert result.status is Status.TRACKED
+    assert len(wide) == 1
+    assert (result.alignment is wide[0]) == is_taken
+
+
+def test_with_one_stage_there_is_nothing_to_begin_wider(apart, monkeypatch):
+    camera, frames, _ = apart
+    for change in ("matching.criterion=robust", "registration.first_sigma_px=2"):
+        odometry = Odometry(camera, Config().with_overrides([change]))
+        odometry.track(frames[0])
+        monkeypatch.setattr(odometry._judge, "_poor_fit", lambda alignment: "in doubt")
+        monkeypatch.setattr(odometry._locator, "_widely", lambda *given: pytest.fail("widely"))
+        assert odometry.track(shaken(frames[0], 1)).status is Status.DEGRADED
+
+
 def test_where_depth_contradicts_the_edges_a_doubtful_frame_is_lost(apart):
     strict = ["status.doubt_inliers=1.0", "status.max_depth_sigma=1e-3"]
     result, *_ = second(apart, *strict, after=0.1)  # too soon for a far step

@@ -458,7 +458,8 @@ def usual_change(known, profiles, gradients, matches, spread):
     change = change - middle[lines]
     wide = spread * np.maximum(np.median(abs(change), axis=0), kernels.LEAST_CHANGE)
     squares = 1 / (1 + ((change / wide) ** 2).sum(axis=1))
-    return middle, wide, np.array([1 / np.sqrt(squares[which].mean()) for which in of_line])
+    norm = np.array([1 / np.sqrt(squares[which].mean()) for which in of_line])
+    return middle, wide, np.minimum(norm, kernels.MOST_TRUST)
 
 
 def trust(known, profiles, gradients, matches, middle, wide, norm):

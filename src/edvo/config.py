@@ -246,9 +246,9 @@ class RegistrationConfig(Section):
     )
     profile_spread: NotNegative = Field(
         default=3.0,
-        description="in the last stage an edge counts half whose profile, how strong and how wide "
-        "it is, has changed since the keyframe by so many times what is usual in the frame: light "
-        "has then moved it, too; 0: all count alike. Not in the paper",
+        description="in the last stage an edge has half the weight if one of how strong and how "
+        "wide it is has changed since the keyframe by so many times what is usual of edges of its "
+        "direction: light has then moved it, too; 0: all count alike. Not in the paper",
     )
     kept_px: NotNegative = Field(
         default=0.25,

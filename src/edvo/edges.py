@@ -40,8 +40,9 @@ class EdgePixels:
         Depth in metres; 0 where there is none, or where it was not asked for.
     profiles : ndarray of float32, shape (N, 2) or (0, 2), optional
         What they look like across: the logarithm of the gradient's magnitude where it is highest,
-        but for a constant, and the second difference of that logarithm from pixel to pixel. Empty
-        where edges lie on pixels, or that is not known of all of them.
+        but for a constant, and the second difference of that logarithm from pixel to pixel; (0, 0)
+        of an edge beside which it does not fall off, which is like none. Empty where edges lie on
+        pixels, or that is not known of all of them.
     """
 
     pixels: NDArray[np.float32]

@@ -57,7 +57,8 @@ ROOT_OF_HALF = np.int32(np.float32(np.sqrt(0.5)).view(np.int32))  # its bits
 FLAT = np.float32(1e-6)  # a bend of less than that is none: logarithms are not more exact
 PROFILES = 400  # so many tell how profiles usually change,
 LEAST_CHANGE = 0.02  # which is by no less: noise of the image;
-OF_A_LINE = 20  # of one direction tell how that changes
+OF_A_LINE = 20  # of one direction tell how that changes,
+MOST_TRUST = 2.0  # and none of them counts more: else a few could hold a direction alone
 # So much is at hand together, and stays in the nearest cache:
 PATCHES = 64  # of edges,
 BATCH = 1024  # edges, with their gradients and what a lens does to them
@@ -195,7 +196,7 @@ class Change(NamedTuple):
 
     middle: F64  # (LINE_DIRECTIONS, 2) the middle difference of edges of each direction
     per: F64  # (2,) one over what difference from that makes a match half as good
-    norm: F64  # (LINE_DIRECTIONS,) makes the mean square of the trust 1
+    norm: F64  # (LINE_DIRECTIONS,) makes the mean square of the trust 1, as far as it may
 
 
 class PlaneMap(NamedTuple):
@@ -3186,9 +3187,10 @@ def usual_change(
         counts[lines[i]] += 1
     for line in range(LINE_DIRECTIONS):
         if counts[line] >= OF_A_LINE:
-            change.norm[line] = np.sqrt(counts[line] / squares[line])
+            norm = np.sqrt(counts[line] / squares[line])
         else:
-            change.norm[line] = np.sqrt(counts.sum() / squares.sum())
+            norm = np.sqrt(counts.sum() / squares.sum())
+        change.norm[line] = min(norm, MOST_TRUST)
     return change
 
 
@@ -3205,7 +3207,8 @@ def trust_matches(
     """Multiply residuals, packed, and normals by what each match is to be trusted.
 
     An edge that looks otherwise than its match is elsewhere, too: part of it is shadow, or what
-    stands beside it has become brighter. That of a match which has stayed is not asked for again.
+    stands beside it has become brighter. Where one of the two is no Gaussian it hardly counts. That
+    of a match which has stayed is not asked for again.
     """
     count = place(0)
     for i in range(place(profiles.shape[0])):

@@ -37,6 +37,8 @@ class Locator:
         self._registration, self._fitter = kit.registration, kit.fitter
         self._depth_alone, self._search, self._judge = kit.depth_alone, kit.search, kit.judge
         self._shared, self._instants = kit.shared, kit.instants
+        two_stages = kit.config.matching.criterion == "robust-then-normal"
+        self._begins_narrow = two_stages and kit.config.registration.first_sigma_px < WIDE_PX
         self._course, self._doubt = course, doubt
 
     def locate(self, seen: Seen) -> tuple[Alignment, Status, str]:
@@ -78,9 +80,12 @@ class Locator:
         if not far and not unsure:
             return alignment, status, reason
         with self._clock("search"):
-            if not far:
+            if not far and self._begins_narrow:
                 wide = self._widely(seen, starts, term)
-                alignment = self._better(alignment, wide, timestamp)
+                if status is not Status.TRACKED:
+                    alignment = self._better(alignment, wide, timestamp)
+                elif self._is_tracked(wide, timestamp) and is_sharper(wide, alignment):
+                    alignment = wide
                 status, reason = self.assess(alignment, timestamp)
             if status is not Status.TRACKED:
                 other = self._search.around(key, course.T_key_last, seen, alignment)
@@ -178,6 +183,9 @@ class Locator:
             if fails != other_fails:
                 return other if fails else found
         return max(found, other, key=clarity)
+
+    def _is_tracked(self, alignment: Alignment, timestamp: float) -> bool:
+        return self.assess(alignment, timestamp)[0] is Status.TRACKED
 
     def _is_lost(self, alignment: Alignment, timestamp: float) -> bool:
         return self.assess(alignment, timestamp)[0] is Status.LOST

@@ -203,7 +203,7 @@ def thinned(points: PlanePoints, step_px: float) -> PlanePoints:
     if every == 1:
         return points
     X, normals, sigma = (np.ascontiguousarray(part[::every]) for part in points[:3])
-    return PlanePoints(X, normals, sigma, step_px)
+    return PlanePoints(X, normals, sigma, float(step_px))  # an int would compile kernels anew
 
 
 def move_points(points: PlanePoints, T: NDArray[np.float64]) -> PlanePoints:

@@ -95,8 +95,9 @@ class Alignment:
         Pixels; NaN where there is no match.
     trust : ndarray of float64, shape (N,)
         What each counts, as a factor on residual and derivative: less than others where an edge
-        looks otherwise than its match (``RegistrationConfig.profile_spread``); the mean square of
-        some hundreds is 1. 1 where that is not known, or there is no match.
+        looks otherwise than its match (``RegistrationConfig.profile_spread``), the mean square of
+        some hundreds of one direction being 1; 2 at most. 1 where images tell no profiles, or there
+        is no match.
     pixels : ndarray of float32, shape (N, 2)
         Ideal pixel of each sample in the current image.
     references : ndarray of float32, shape (N, 2)

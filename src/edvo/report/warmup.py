@@ -9,14 +9,16 @@ import numpy as np
 from edvo import kernels
 from edvo.camera import Camera
 from edvo.config import Config
-from edvo.edges import depth_at_edges, extract_edges
+from edvo.edges import EdgeBuffers, depth_at_edges, edges_to_keep, extract_edges
 from edvo.frame import Frame, register_depth
 from edvo.gathering import carried, unknown
 from edvo.look import Look
 from edvo.matching import EdgeIndex
+from edvo.measuring import taken_by_pose
 from edvo.odometry import Odometry
 from edvo.planes import camera_of
 from edvo.rolling import unroll
+from edvo.thresholds import Scales
 
 MOVING = 5  # frames: after so many the instants of depth and rows are measured
 DEPTH_DELAY_S = 0.015
@@ -69,6 +71,12 @@ def warm_up(config: Config) -> None:
     depths = depth_at_edges(frame.depth, edges.index, config.edges)
     described = edges.describe(camera)
     unroll(described, np.zeros(len(edges)), np.zeros(6), camera_of(camera), depths)
+    # and faint edges, of which a keyframe has more
+    buffers = EdgeBuffers(height, width)
+    faint = replace(extract_edges(grey, config.edges, buffers), scale=0.7, scales=Scales(1.0, 0.5))
+    edges_to_keep(faint, config.edges, buffers, 1.0)
+    # and what a number of the camera would move
+    taken_by_pose(np.eye(6), np.zeros(6))
     # and a lamp that moves, whose edges a keyframe gathers
     with_depth = replace(described, depths=depths)
     unknown(EdgeIndex(described), carried(with_depth, np.eye(4), camera), camera)
