@@ -20,7 +20,7 @@ CLEARLY = 10.0  # in log-likelihood: 5 is strong evidence, of edges that do not 
 NO_WORSE = 0.95  # times what depth fitted: no less than chance
 LEAST_AREA = 0.04  # of the image; less of it on planes says nothing
 LEFT = 0.8  # of what lay on planes, where nothing has come before the lens
-FEWER = 0.2  # of the samples, that at once fit no longer: something has come between
+FEWER = 0.2  # of the samples, that at once fit no longer: it has turned as nobody foresaw
 AGREEING_SIGMA = 3.0  # times the sensor's noise, at which depth agrees half
 
 _BINS = np.arange(0, RANGE_PX + BIN_PX / 2, BIN_PX)
