@@ -111,6 +111,15 @@ def shaken(frame, k):
     return Frame(frame.timestamp + k * PERIOD, grey, frame.depth)
 
 
+def at_rest(apart):
+    """A tracker that has seen the first view four times, and the views."""
+    camera, frames, _ = apart
+    odometry = Odometry(camera)
+    for k in range(4):
+        odometry.track(shaken(frames[0], k))
+    return odometry, frames
+
+
 def test_no_search_without_doubt(apart):
     camera, frames, _ = apart
     odometry = Odometry(camera)
@@ -147,10 +156,7 @@ def test_a_frame_that_fits_far_less_at_once_is_looked_at_widely(
     apart, monkeypatch, fitting, is_asked
 ):
     """Though most of it does, and it would be tracked."""
-    camera, frames, _ = apart
-    odometry = Odometry(camera)
-    for k in range(4):
-        odometry.track(shaken(frames[0], k))
+    odometry, frames = at_rest(apart)
     align, wide = odometry._registration.align, []
 
     def narrow(*given, first_sigma_px=0.0, **options):
@@ -177,11 +183,8 @@ def test_a_tracked_frame_is_only_left_for_what_is_tracked_and_clearer(
     apart, monkeypatch, changes, is_taken
 ):
     """And is not searched for then."""
-    camera, frames, _ = apart
-    odometry = Odometry(camera)
-    for k in range(4):
-        odometry.track(shaken(frames[0], k))
-    align, wide, narrow = odometry._registration.align, [], []
+    odometry, frames = at_rest(apart)
+    align, wide = odometry._registration.align, []
 
     def less(*given, first_sigma_px=0.0, **options):
         found = align(*given, first_sigma_px=first_sigma_px, **options)
@@ -190,8 +193,7 @@ def test_a_tracked_frame_is_only_left_for_what_is_tracked_and_clearer(
             return wide[-1]
         n = len(found.matches)
         off = np.where(np.arange(n) % 10 < 3, 5.0, found.residuals)
-        narrow.append(replace(found, residuals=off, inliers=int(0.7 * n)))
-        return narrow[-1]
+        return replace(found, residuals=off, inliers=int(0.7 * n))
 
     monkeypatch.setattr(odometry._registration, "align", less)
     monkeypatch.setattr(odometry._search, "around", lambda *given: pytest.fail("searched for"))
@@ -207,7 +209,13 @@ def test_with_one_stage_there_is_nothing_to_begin_wider(apart, monkeypatch):
         odometry = Odometry(camera, Config().with_overrides([change]))
         odometry.track(frames[0])
         monkeypatch.setattr(odometry._judge, "_poor_fit", lambda alignment: "in doubt")
-        monkeypatch.setattr(odometry._locator, "_widely", lambda *given: pytest.fail("widely"))
+        align = odometry._registration.align
+
+        def once(*given, first_sigma_px=0.0, align=align, **options):
+            assert not first_sigma_px
+            return align(*given, **options)
+
+        monkeypatch.setattr(odometry._registration, "align", once)
         assert odometry.track(shaken(frames[0], 1)).status is Status.DEGRADED
 
 

@@ -1,5 +1,6 @@
 """Locating a frame: registering it with the keyframe, and looking farther afield if in doubt."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -58,11 +59,7 @@ class Locator:
         with self._clock("registration"):
             starts = self.starts(seen)
             term = self._shared.term(self._fitter.term, course.period(timestamp))
-            lag = self._lag(seen)
-            edges = key.edges_for(near=seen.is_near)
-            alignment = self._registration.align(
-                edges, seen.samples, starts, key.planes, seen.points, term, lag, far=far
-            )
+            alignment = self._register(seen, starts, term, far=far)
         is_off = self._is_off_planes if far else self._judge.is_off
         if is_off(alignment):
             with self._clock("search"):
@@ -81,11 +78,7 @@ class Locator:
             return alignment, status, reason
         with self._clock("search"):
             if not far and self._begins_narrow:
-                wide = self._widely(seen, starts, term)
-                if status is not Status.TRACKED:
-                    alignment = self._better(alignment, wide, timestamp)
-                elif self._is_tracked(wide, timestamp) and is_sharper(wide, alignment):
-                    alignment = wide
+                alignment = self._widely(seen, starts, term, alignment)
                 status, reason = self.assess(alignment, timestamp)
             if status is not Status.TRACKED:
                 other = self._search.around(key, course.T_key_last, seen, alignment)
@@ -184,18 +177,20 @@ class Locator:
                 return other if fails else found
         return max(found, other, key=clarity)
 
-    def _is_tracked(self, alignment: Alignment, timestamp: float) -> bool:
-        return self.assess(alignment, timestamp)[0] is Status.TRACKED
-
     def _is_lost(self, alignment: Alignment, timestamp: float) -> bool:
         return self.assess(alignment, timestamp)[0] is Status.LOST
 
-    def _widely(self, seen: Seen, starts: NDArray[np.float64], term: DepthTerm) -> Alignment:
-        """Register from the same starts, but so that edges count which are some pixels off.
-
-        Where most edges run along a motion they fit from the start, wherever along it that is, and
-        the few across it, being off by more than these scatter, count as wrong matches.
-        """
+    def _register(
+        self,
+        seen: Seen,
+        starts: NDArray[np.float64],
+        term: DepthTerm,
+        max_sigma_px: float = math.inf,
+        *,
+        far: bool = False,
+        first_sigma_px: float = 0.0,
+    ) -> Alignment:
+        """Register with the keyframe; for the parameters see `Registration.align`."""
         key = self._course.key
         return self._registration.align(
             key.edges_for(near=seen.is_near),
@@ -205,8 +200,26 @@ class Locator:
             seen.points,
             term,
             self._lag(seen),
-            first_sigma_px=WIDE_PX,
+            max_sigma_px,
+            far=far,
+            first_sigma_px=first_sigma_px,
         )
+
+    def _widely(
+        self, seen: Seen, starts: NDArray[np.float64], term: DepthTerm, found: Alignment
+    ) -> Alignment:
+        """Register from the same starts so that edges count which are pixels off; take the better.
+
+        Where most edges run along a motion they fit from the start, wherever along it that is, and
+        the few across it, being off by more than these scatter, count as wrong matches. What is
+        tracked is only left for what is tracked, too, and clearly sharper.
+        """
+        timestamp = seen.frame.timestamp
+        wide = self._register(seen, starts, term, first_sigma_px=WIDE_PX)
+        found_is, wide_is = (self.assess(each, timestamp)[0] for each in (found, wide))
+        if found_is is not Status.TRACKED:
+            return self._better(found, wide, timestamp)
+        return wide if wide_is is Status.TRACKED and is_sharper(wide, found) else found
 
     def _sharpest(
         self, seen: Seen, starts: NDArray[np.float64], term: DepthTerm, found: Alignment
@@ -220,16 +233,7 @@ class Locator:
         key, scatter = self._course.key, self._judge.scatter
 
         def align(part: Seen, start: NDArray[np.float64]) -> Alignment:
-            return self._registration.align(
-                key.edges_for(near=part.is_near),
-                part.samples,
-                start[None],
-                key.planes,
-                part.points,
-                term,
-                self._lag(part),
-                scatter.sharp_px,
-            )
+            return self._register(part, start[None], term, scatter.sharp_px)
 
         by_depth, _ = self._depth_alone.align(key, seen.samples, seen.points, starts[0])
         usual = thinned(seen.points, self._config.planes.point_step_px)
@@ -250,9 +254,5 @@ class Locator:
         """
         key, points = self._course.key, seen.points
         level, _ = self._depth_alone.align(key, seen.samples, points, found.T_ref_cur)
-        start = level.T_ref_cur[None]
-        edges, lag = key.edges_for(near=seen.is_near), self._lag(seen)
-        again = self._registration.align(
-            edges, seen.samples, start, key.planes, points, term, lag, far=far
-        )
+        again = self._register(seen, level.T_ref_cur[None], term, far=far)
         return max((found, again), key=lambda each: agreement(each, key.planes, points))
