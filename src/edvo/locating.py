@@ -200,7 +200,7 @@ class Locator:
             seen.points,
             term,
             self._lag(seen),
-            max_sigma_px,
+            max_sigma_px=max_sigma_px,
             far=far,
             first_sigma_px=first_sigma_px,
         )
