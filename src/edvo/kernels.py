@@ -27,8 +27,10 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 NO_MATCH = -1
 SLACK = 1e-3  # px; keeps cell bounds safe against rounding
-FIRST_REACH = 2.5  # px; window of a query that has no hint, where distance alone counts,
-WIDE_REACH = 5.0  # px; and where direction does, too: the nearest edge is then not often the best
+FIRST_REACH = 2.5  # px; window of a query that has no hint, as long as nothing is known,
+# and then so many times what such queries have needed, of which the last has that share:
+REACH, LATEST = 1.5, 0.1
+FARTHEST = 10.0  # px; more than this tells nothing about the next one
 MARGIN = 0.4  # px; how far a window looks past what it needs, so that its answer lasts longer
 MIN_DEPTH = 0.05  # m; what is nearer after the warp has no usable projection
 TAN_22_5 = np.sqrt(2.0) - 1.0  # half of the angle between four directions
@@ -2067,16 +2069,24 @@ def scan_window(
 
 @lean
 def nearest_in_grid(
-    grid: Grid, u: float, v: float, gu: float, gv: float, criterion: Criterion, hint: int
+    grid: Grid,
+    u: float,
+    v: float,
+    gu: float,
+    gv: float,
+    criterion: Criterion,
+    hint: int,
+    reach: float,
 ) -> tuple[int, float, float]:
     """Sorted index and cost of the reference edge that minimizes Eq. (6), exactly.
 
     Since cost >= distance^2, a window as wide as the root of the best cost holds the answer.
-    ``hint`` is a sorted index that tells how wide (the last match), or NO_MATCH. Third comes a
-    bound: no other admissible edge has a lower cost.
+    ``hint`` is a sorted index that tells how wide (the last match), or NO_MATCH: then it is looked
+    for in a window of ``reach`` pixels first. Third comes a bound: no other admissible edge has a
+    lower cost.
     """
     limit = np.sqrt(criterion.limit)
-    reach = min(WIDE_REACH if criterion.direction > 0 else FIRST_REACH, limit)
+    reach = min(reach, limit)
     if hint >= 0:
         cost = match_cost(grid.points, hint, u, v, gu, gv, criterion)
         if cost < np.inf:
@@ -2188,6 +2198,7 @@ def match_in_grid(
             gradients[k, 1],
             criterion,
             NO_MATCH,
+            FIRST_REACH,
         )
         matches[k] = grid.order[i] if i >= 0 else NO_MATCH
         costs[k] = cost
@@ -2800,7 +2811,7 @@ def warp_and_match(
     t00, t01, t02, t03 = T[0, 0], T[0, 1], T[0, 2], T[0, 3]
     t10, t11, t12, t13 = T[1, 0], T[1, 1], T[1, 2], T[1, 3]
     t20, t21, t22, t23 = T[2, 0], T[2, 1], T[2, 2], T[2, 3]
-    count = 0
+    count, needed = 0, FIRST_REACH / REACH
     for i in range(place(0), place(points.shape[0]), place(stride)):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         px = t00 * x + t01 * y + t02 * z + t03
@@ -2830,11 +2841,14 @@ def warp_and_match(
             moved = np.sqrt(mu * mu + mv * mv)
             kept = np.sqrt(cost) + moved < matches.bound[i]
         if not kept:
-            k, _, second = nearest_in_grid(grid, u, v, gu, gv, criterion, k)
+            hint, reach = k, REACH * needed + MARGIN
+            k, cost, second = nearest_in_grid(grid, u, v, gu, gv, criterion, hint, reach)
             matches.query[i, 0], matches.query[i, 1] = u, v
             matches.bound[i] = np.sqrt(second)
             if k < 0:
                 continue
+            if hint < 0:
+                needed += LATEST * (min(np.sqrt(cost), FARTHEST) - needed)
         matches.edge[i] = k
         to = place(k)
         du, dv = u - grid.points[to, 0], v - grid.points[to, 1]  # Eq. (10)
@@ -3169,14 +3183,19 @@ def usual_change(
     some = np.empty(count, np.float32)
     for c in range(2):
         values = changes[c, :count]
-        of_all = np.median(values)
+        of_all = np.nan
         for line in range(LINE_DIRECTIONS):
             among = place(0)
             for i in range(place(count)):
                 if lines[i] == line:
                     some[among] = values[i]
                     among += place(1)
-            change.middle[line, c] = np.median(some[:among]) if among >= OF_A_LINE else of_all
+            if among >= OF_A_LINE:
+                change.middle[line, c] = np.median(some[:among])
+                continue
+            if np.isnan(of_all):
+                of_all = np.median(values)
+            change.middle[line, c] = of_all
         for i in range(place(count)):
             values[i] -= change.middle[lines[i], c]
         change.per[c] = 1 / (spread * max(np.median(np.abs(values)), LEAST_CHANGE))
@@ -3240,15 +3259,16 @@ def best_start(
     criterion: Criterion,
     solver: Solver,
     stride: np.int64,
+    matches: Matches,
+    trial: Matches,
+    residuals: F64,
 ) -> int:
     """Which of several poses has the lowest cost over every ``stride``-th sample, at unit scale.
 
-    Edges are looked up where there is a map of those nearby.
+    Edges are looked up where there is a map of those nearby. Writes the matches of that pose.
     """
     best, best_cost = 0, np.inf
     if starts.shape[0] > 1 and points.shape[0] > 0:
-        matches = new_matches(points.shape[0])
-        residuals = np.empty(points.shape[0])
         taken = (points.shape[0] + stride - 1) // stride
         for s in range(starts.shape[0]):
             count = warp_and_match(
@@ -3262,12 +3282,13 @@ def best_start(
                 starts[s],
                 criterion,
                 solver.residual,
-                matches,
+                trial,
                 residuals,
             )
             cost = mean_cost(residuals, count, taken, 1.0, criterion.limit, solver)
             if cost < best_cost:
                 best, best_cost = s, cost
+                copy_matches(trial, matches)
     return best
 
 
@@ -3340,6 +3361,9 @@ def align(
             robust if first_stage == ROBUST else normal,
             solver,
             stride,
+            matches,
+            trial,
+            residuals,
         )
     ]
     reason, iterations, count = EXHAUSTED, 0, 0
@@ -3349,6 +3373,7 @@ def align(
     sigma, cost, total = 1.0, 0.0, 0.0
     moves = 1 + lag.share  # by how much points move with the pose, near the last one
     settled = False  # by looking up: the robust criterion has nothing left to do
+    started = False
     usual = no_change()
     has_profiles = known.size > 0 and profiles.size > 0 and solver.profile_spread > 0
     for stage in range(LOOK_UP, last_stage + 1):
@@ -3369,7 +3394,9 @@ def align(
         for i in range(n):
             if i % every > 0:
                 matches.edge[i] = NO_MATCH  # of a stage that took others
-        matches.bound[:] = 0  # what held under one criterion need not under another
+        if started:
+            matches.bound[:] = 0  # what held under one criterion need not under another
+        started = True
         if rolls:
             unroll_points(points, T, lag, moved)
         count = warp_and_match(
@@ -4571,7 +4598,7 @@ def fit_rays(
             if not (-0.5 <= u < camera.width - 0.5 and -0.5 <= v < camera.height - 0.5):
                 continue
             gu, gv = gradients[i, 0], gradients[i, 1]
-            m, _, _ = nearest_in_grid(grid, u, v, gu, gv, criterion, NO_MATCH)
+            m, _, _ = nearest_in_grid(grid, u, v, gu, gv, criterion, NO_MATCH, FIRST_REACH)
             if m >= 0:
                 r = (u - grid.points[m, 0]) * grid.points[m, 2]
                 r += (v - grid.points[m, 1]) * grid.points[m, 3]
