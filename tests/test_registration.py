@@ -227,14 +227,18 @@ def test_edges_across_a_turn_count_where_the_scale_begins_wide():
 
 
 @pytest.mark.parametrize("first_samples", [0, 60, 250])
-def test_a_worse_start_leaves_no_trace(first_samples):
+@pytest.mark.parametrize("criterion", ["robust-then-normal", "robust", "normal"])
+def test_a_worse_start_leaves_no_trace(first_samples, criterion):
     """Whatever part of the samples the choice looks at, and the first stage after it."""
     problem = moved(3)
     worse = problem.T_ref_cur @ problems.motion(np.random.default_rng(0), 0.3, 12.0)
-    alone = register(problem, np.eye(4), first_samples=first_samples)
-    chosen = register(problem, np.eye(4), worse, first_samples=first_samples)
-    np.testing.assert_array_equal(alone.T_ref_cur, chosen.T_ref_cur)
-    np.testing.assert_array_equal(alone.history, chosen.history)
+    kind = {"matching": MatchingConfig(criterion=criterion)}
+    alone = register(problem, np.eye(4), first_samples=first_samples, **kind)
+    for starts in ((np.eye(4), worse), (worse, np.eye(4)), (worse, np.eye(4), worse)):
+        chosen = register(problem, *starts, first_samples=first_samples, **kind)
+        np.testing.assert_array_equal(alone.T_ref_cur, chosen.T_ref_cur)
+        np.testing.assert_array_equal(alone.history, chosen.history)
+        np.testing.assert_array_equal(alone.matches, chosen.matches)
 
 
 def test_at_the_answer_one_step_a_stage_is_enough():

@@ -27,10 +27,9 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 NO_MATCH = -1
 SLACK = 1e-3  # px; keeps cell bounds safe against rounding
-FIRST_REACH = 2.5  # px; window of a query that has no hint, as long as nothing is known,
-# and then so many times what such queries have needed, of which the last has that share:
-REACH, LATEST = 1.5, 0.1
-FARTHEST = 10.0  # px; more than this tells nothing about the next one
+FIRST_REACH = 2.5  # px; first window of a query without a hint, while nothing is known; then it is
+REACH, LATEST = 1.5, 0.1  # so many times what such ones need, where the latest has that share,
+FARTHEST = 10.0  # px; and counts no more than that
 MARGIN = 0.4  # px; how far a window looks past what it needs, so that its answer lasts longer
 MIN_DEPTH = 0.05  # m; what is nearer after the warp has no usable projection
 TAN_22_5 = np.sqrt(2.0) - 1.0  # half of the angle between four directions
@@ -2081,9 +2080,9 @@ def nearest_in_grid(
     """Sorted index and cost of the reference edge that minimizes Eq. (6), exactly.
 
     Since cost >= distance^2, a window as wide as the root of the best cost holds the answer.
-    ``hint`` is a sorted index that tells how wide (the last match), or NO_MATCH: then it is looked
-    for in a window of ``reach`` pixels first. Third comes a bound: no other admissible edge has a
-    lower cost.
+    ``hint`` is a sorted index that tells how wide (the last match), or NO_MATCH: then, and where
+    that may be no match any more, a window of ``reach`` pixels comes first. Third comes a bound: no
+    other admissible edge has a lower cost.
     """
     limit = np.sqrt(criterion.limit)
     reach = min(reach, limit)
@@ -2803,7 +2802,8 @@ def warp_and_match(
     """Warp the samples by T (Eq. 1), match them (Eq. 6) and take residuals (Eq. 10-12).
 
     Takes every ``stride``-th sample. A match found before is kept without a search where it
-    provably still is the best: the root of the cost changes by no more than the query moves.
+    provably still is the best: the root of the cost changes by no more than the query moves. How
+    wide to look for the others tells what the last ones needed.
     Where there is a map of near edges it gives those that had no match a first idea; at the stage
     ``LOOK_UP`` that is the match.
     Residuals of the matched samples are packed to the front; returns their number.
@@ -2811,7 +2811,7 @@ def warp_and_match(
     t00, t01, t02, t03 = T[0, 0], T[0, 1], T[0, 2], T[0, 3]
     t10, t11, t12, t13 = T[1, 0], T[1, 1], T[1, 2], T[1, 3]
     t20, t21, t22, t23 = T[2, 0], T[2, 1], T[2, 2], T[2, 3]
-    count, needed = 0, FIRST_REACH / REACH
+    count, needed = 0, (FIRST_REACH - MARGIN) / REACH
     for i in range(place(0), place(points.shape[0]), place(stride)):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         px = t00 * x + t01 * y + t02 * z + t03
@@ -3265,7 +3265,8 @@ def best_start(
 ) -> int:
     """Which of several poses has the lowest cost over every ``stride``-th sample, at unit scale.
 
-    Edges are looked up where there is a map of those nearby. Writes the matches of that pose.
+    Edges are looked up where there is a map of those nearby. Of several poses the best leaves its
+    matches, but not where it puts them; ``trial``, without a match, and ``residuals`` are room.
     """
     best, best_cost = 0, np.inf
     if starts.shape[0] > 1 and points.shape[0] > 0:
@@ -3373,7 +3374,7 @@ def align(
     sigma, cost, total = 1.0, 0.0, 0.0
     moves = 1 + lag.share  # by how much points move with the pose, near the last one
     settled = False  # by looking up: the robust criterion has nothing left to do
-    started = False
+    started = False  # the first stage goes on from the matches of the best start, by its criterion
     usual = no_change()
     has_profiles = known.size > 0 and profiles.size > 0 and solver.profile_spread > 0
     for stage in range(LOOK_UP, last_stage + 1):

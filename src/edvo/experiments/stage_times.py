@@ -129,7 +129,7 @@ def take_apart(align: Callable[[], Alignment], repeats: int) -> Parts:
 
         def call(*arguments: Any) -> Any:
             given = signature.bind(*arguments).arguments
-            state = given.get("matches", ())  # what the part changes
+            state = (*given["matches"], *given.get("trial", ()))  # what the part changes
             before = [array.copy() for array in state]
             result, taken = None, []
             for _ in range(repeats):
@@ -141,7 +141,7 @@ def take_apart(align: Callable[[], Alignment], repeats: int) -> Parts:
                 result = part(*arguments)
                 taken.append(time.thread_time() - middle - (middle - begin))
             spent.append(median(taken))
-            if state:
+            if "T" in given:  # of the starts none is known to be the pose
                 queries.append(_query(given))
             return result
 
