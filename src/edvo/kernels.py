@@ -2803,7 +2803,7 @@ def warp_and_match(
 
     Takes every ``stride``-th sample. A match found before is kept without a search where it
     provably still is the best: the root of the cost changes by no more than the query moves. How
-    wide to look for the others tells what the last ones needed.
+    wide to look for the others is told by what the last ones needed.
     Where there is a map of near edges it gives those that had no match a first idea; at the stage
     ``LOOK_UP`` that is the match.
     Residuals of the matched samples are packed to the front; returns their number.
@@ -3183,7 +3183,7 @@ def usual_change(
     some = np.empty(count, np.float32)
     for c in range(2):
         values = changes[c, :count]
-        of_all = np.nan
+        of_all = np.float32(np.nan)
         for line in range(LINE_DIRECTIONS):
             among = place(0)
             for i in range(place(count)):
