@@ -41,7 +41,7 @@ class Shares(NamedTuple):
     tension: float  # of edges against planes
 
 
-SHARES = Shares(edges=5.7, planes=2.2, depth=1.5, tension=3.0)
+SHARES = Shares(edges=9.3, planes=2.9, depth=1.0, tension=3.1)
 _SHARES = np.array(SHARES)
 
 
