@@ -31,6 +31,7 @@ FIRST_REACH = 2.5  # px; first window of a query without a hint, while nothing i
 REACH, LATEST = 1.5, 0.1  # so many times what such ones need, where the latest has that share,
 FARTHEST = 10.0  # px; and counts no more than that
 MARGIN = 0.4  # px; how far a window looks past what it needs, so that its answer lasts longer
+NEEDED_AT_FIRST = (FIRST_REACH - MARGIN) / REACH
 MIN_DEPTH = 0.05  # m; what is nearer after the warp has no usable projection
 TAN_22_5 = np.sqrt(2.0) - 1.0  # half of the angle between four directions
 TAN_BITS = 15  # of the same behind the point, as OpenCV's Canny takes it; its int32 holds the rest
@@ -2106,6 +2107,14 @@ def nearest_in_grid(
 
 
 @lean
+def with_latest(needed: float, cost: float) -> float:
+    """What searches need in the mean (px), once one has found a match of that cost (px^2), if any."""
+    if not cost < np.inf:
+        return needed
+    return needed + LATEST * (min(np.sqrt(cost), FARTHEST) - needed)
+
+
+@lean
 def direction_of(gu: float, gv: float) -> int:
     """Sort a gradient into one of ``DIRECTIONS``, the first from 0 to 45 degrees."""
     half = 0
@@ -2188,6 +2197,7 @@ def match_in_grid(
     grid: Grid, pixels: F32, gradients: F32, criterion: Criterion, matches: I32, costs: F64
 ) -> None:
     """Match each query pixel; writes indices among the edges given to the grid, and costs."""
+    needed = NEEDED_AT_FIRST
     for k in range(pixels.shape[0]):
         i, cost, _ = nearest_in_grid(
             grid,
@@ -2197,8 +2207,9 @@ def match_in_grid(
             gradients[k, 1],
             criterion,
             NO_MATCH,
-            FIRST_REACH,
+            REACH * needed + MARGIN,
         )
+        needed = with_latest(needed, cost)
         matches[k] = grid.order[i] if i >= 0 else NO_MATCH
         costs[k] = cost
 
@@ -2811,7 +2822,7 @@ def warp_and_match(
     t00, t01, t02, t03 = T[0, 0], T[0, 1], T[0, 2], T[0, 3]
     t10, t11, t12, t13 = T[1, 0], T[1, 1], T[1, 2], T[1, 3]
     t20, t21, t22, t23 = T[2, 0], T[2, 1], T[2, 2], T[2, 3]
-    count, needed = 0, (FIRST_REACH - MARGIN) / REACH
+    count, needed = 0, NEEDED_AT_FIRST
     for i in range(place(0), place(points.shape[0]), place(stride)):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         px = t00 * x + t01 * y + t02 * z + t03
@@ -2848,7 +2859,7 @@ def warp_and_match(
             if k < 0:
                 continue
             if hint < 0:
-                needed += LATEST * (min(np.sqrt(cost), FARTHEST) - needed)
+                needed = with_latest(needed, cost)
         matches.edge[i] = k
         to = place(k)
         du, dv = u - grid.points[to, 0], v - grid.points[to, 1]  # Eq. (10)
