@@ -2108,9 +2108,7 @@ def nearest_in_grid(
 
 @lean
 def with_latest(needed: float, cost: float) -> float:
-    """What searches need in the mean (px), once one has found a match of that cost (px^2), if any."""
-    if not cost < np.inf:
-        return needed
+    """What searches need on average (px), once one has ended at that cost (px^2)."""
     return needed + LATEST * (min(np.sqrt(cost), FARTHEST) - needed)
 
 
