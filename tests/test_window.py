@@ -75,7 +75,7 @@ class Walk:
 
     def go(self, T_last_cur, scale=1.0, seen=SEEN):
         C = scale * SIGMA**2 * np.eye(6)
-        T = self.window.place(self.last, seen, T_last_cur, C, TERM)
+        T, _ = self.window.place(self.last, seen, T_last_cur, C, TERM)
         self.last = keyframe(self.last.index + 1, T)
         self.window.take(self.last)
         return T

@@ -1,8 +1,9 @@
 """Upkeep of keyframes: when the next one is made, what is added to it, and what is found back by.
 
 A keyframe is made in the time of two frames: its edges and planes are found in that of its own,
-and the rest is made of the edges in that of the next, so that neither waits for all of it. Edges
-are added to it in the time of the frame after.
+and the rest is made of the edges in that of the next, so that neither waits for all of it; planes,
+too, where the frame has been registered with an earlier keyframe already. Edges are added to it in
+the time of the frame after.
 """
 
 import logging
@@ -35,7 +36,7 @@ class _Due:
     index: int
     velocity: NDArray[np.float64] | None
     telling: int = 0  # how many of its edges, the first ones, tell places
-    planes: PlaneMap | None = None  # of its depth
+    planes: PlaneMap | None = None  # of its depth; None where they are still to be found
     is_placed: bool = False  # by the window
     T_key_cur: NDArray[np.float64] | None = None  # where the keyframe stays, and gathers its edges
 
@@ -134,10 +135,11 @@ class Upkeep:
             due = False
             self._due = _Due(seen.kept(), index, velocity, T_key_cur=T_key_cur.copy())
         elif due:
-            placed_by = covariance if together else None
+            placed_by, is_late = covariance if together else None, False
             if placed_by is not None:
-                T_key_cur = self._place(seen, T_key_cur, placed_by)
-            kept, telling, planes = self._with_edges(seen.kept(), velocity)
+                T_key_cur, is_late = self._place(seen, T_key_cur, placed_by)
+            kept, telling = self._with_edges(seen.kept(), velocity)
+            planes = None if is_late else self._planes(kept)
             self._due = _Due(kept, index, velocity, telling, planes, placed_by is not None)
         elif velocity is not None:
             self._renew(velocity)
@@ -159,13 +161,13 @@ class Upkeep:
         -------
         Keyframe
         """
-        kept, telling, planes = self._with_edges(seen, velocity)
-        return self._finish(kept, telling, planes, index, velocity)
+        kept, telling = self._with_edges(seen, velocity)
+        return self._finish(kept, telling, self._planes(kept), index, velocity)
 
     def _with_edges(
         self, seen: Seen, velocity: NDArray[np.float64] | None
-    ) -> tuple[Seen, int, PlaneMap]:
-        """Find edges that a keyframe is to have, how many of them tell places, and its planes."""
+    ) -> tuple[Seen, int]:
+        """Find edges that a keyframe is to have, and how many of them tell places."""
         with self._clock("keyframe"):
             if velocity is not None:  # measured by now, no longer expected
                 T_cam_depth = self._instants.depth.motion(velocity, seen.frame.depth_delay)
@@ -174,8 +176,12 @@ class Upkeep:
             if velocity is not None and kept.samples is not seen.samples:  # those were by then
                 samples = self._instants.rolling.unrolled(kept.samples, velocity)
                 kept = replace(kept, samples=samples)
-            planes = self._fitter.planes(seen.frame.depth, seen.T_cam_depth, fine=seen.is_fine)
-        return kept, telling, planes
+        return kept, telling
+
+    def _planes(self, seen: Seen) -> PlaneMap:
+        """Find the planes of a keyframe."""
+        with self._clock("keyframe"):
+            return self._fitter.planes(seen.frame.depth, seen.T_cam_depth, fine=seen.is_fine)
 
     def _finish(
         self,
@@ -253,12 +259,16 @@ class Upkeep:
 
     def _place(
         self, seen: Seen, T_key_cur: NDArray[np.float64], covariance: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Move a frame that is to be the keyframe to where the last few place it: T_key_cur."""
+    ) -> tuple[NDArray[np.float64], bool]:
+        """Move a frame that is to be the keyframe to where the last few place it: T_key_cur.
+
+        And whether that has taken its time.
+        """
         course, last, term = self._course, self._course.key, self._shared.term(self._fitter.term)
         with self._clock("keyframe"):
-            course.T_world_last = self._window.place(last, seen, T_key_cur, covariance, term)
-        return se3.inverse(last.T_world_key) @ course.T_world_last
+            place = self._window.place(last, seen, T_key_cur, covariance, term)
+            course.T_world_last, is_asked = place
+        return se3.inverse(last.T_world_key) @ course.T_world_last, is_asked
 
     def _gather(
         self, seen: Seen, T_key_cur: NDArray[np.float64], velocity: NDArray[np.float64] | None

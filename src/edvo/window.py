@@ -46,6 +46,21 @@ class Link:
     T_first_second: NDArray[np.float64]
     covariance: NDArray[np.float64]
 
+    def misfit(self, T: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Say how far a motion is from what was registered.
+
+        Parameters
+        ----------
+        T : ndarray of float64, shape (4, 4)
+            From the second to the first.
+
+        Returns
+        -------
+        ndarray of float64, shape (6,)
+            A twist in the camera of the first.
+        """
+        return se3.log(T @ se3.inverse(self.T_first_second))
+
 
 class KeyframeWindow:
     """Places new keyframes by the last few, all together.
@@ -74,7 +89,7 @@ class KeyframeWindow:
         T_last_cur: NDArray[np.float64],
         covariance: NDArray[np.float64],
         term: DepthTerm,
-    ) -> NDArray[np.float64]:
+    ) -> tuple[NDArray[np.float64], bool]:
         """Say where a frame is that is to be the next keyframe.
 
         Parameters
@@ -92,8 +107,9 @@ class KeyframeWindow:
 
         Returns
         -------
-        ndarray of float64, shape (4, 4)
-            T_world_cam.
+        T_world_cam : ndarray of float64, shape (4, 4)
+        is_asked : bool
+            Whether an earlier one was asked, too, which takes its time.
         """
         self._resume(last)
         new = len(self._keyframes)
@@ -104,7 +120,7 @@ class KeyframeWindow:
             link = self._register(nearest, seen, term)
             if link is not None and self._surprise(link) < LARGEST:
                 self._join(link)
-        return self._poses[-1]
+        return self._poses[-1], nearest is not None
 
     def take(self, keyframe: Keyframe) -> None:
         """Note the keyframe that was made of the frame placed last.
@@ -163,7 +179,7 @@ class KeyframeWindow:
         Over the covariance of both, as if the path were known by these alone: images that repeat,
         or things that move, contradict by more than chance does.
         """
-        away = self._misfit(link)
+        away = link.misfit(self._between(link.first, link.second))
         covariance = link.covariance.copy()
         for each in self._links:
             if link.first <= each.first and each.second == each.first + 1:
@@ -187,8 +203,10 @@ class KeyframeWindow:
         for _ in range(STEPS):
             H, b = np.zeros((n, n, 6, 6)), np.zeros((n, 6))
             for link, W in zip(self._links, weights, strict=True):
-                i, j, away = link.first, link.second, self._misfit(link)
-                carry = se3.adjoint(self._between(i, j))  # d away / d pose j; by pose i it is -1
+                i, j = link.first, link.second
+                T = self._between(i, j)
+                away = link.misfit(T)
+                carry = se3.adjoint(T)  # d away / d pose j; by pose i it is -1
                 across = W @ carry
                 H[i, i] += W
                 H[j, j] += carry.T @ across
@@ -204,8 +222,3 @@ class KeyframeWindow:
     def _between(self, i: int, j: int) -> NDArray[np.float64]:
         """Motion between two poses, from the second to the first."""
         return se3.inverse(self._poses[i]) @ self._poses[j]
-
-    def _misfit(self, link: Link) -> NDArray[np.float64]:
-        """Twist by which the poses differ from a registration, in the camera of the first."""
-        T = self._between(link.first, link.second)
-        return se3.log(T @ se3.inverse(link.T_first_second))
