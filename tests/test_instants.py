@@ -1,6 +1,7 @@
 """A frame's parts put together at one instant, and a keyframe's once more is known."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,8 @@ from edvo.clock import no_clock
 from edvo.config import Config
 from edvo.edges import depth_at_edges
 from edvo.front_end import FrontEnd
-from edvo.instants import ROUGH_PX, Instants
+from edvo.instants import HASTY_S, KNOWN_S, ROUGH_PX, SELDOM, TELLING_S, Instants
+from edvo.measuring import Measured
 from edvo.odometry import Odometry, Status
 from edvo.planes import PlaneFitter, move_points
 from edvo.registration import AT_ONCE, Registration
@@ -204,3 +206,83 @@ def test_a_stray_stamp_is_got_over(stray):
             odometry._instants.forget()
     assert result.status is not Status.LOST
     assert problems.error(poses[19], result.T_world_cam)[0] < 0.02
+
+
+# ------------------------------------------------------------------------------ readouts on trial
+
+
+class Tried:
+    """In the place of a trial: what it was given, and how often it went on."""
+
+    def __init__(self):
+        self.given, self.left = [], 0
+
+    @property
+    def is_on(self):
+        return self.left > 0
+
+    def forget(self):
+        self.left = 0
+
+    def begin(self, moment, key, seconds):
+        self.given.append((moment, key, seconds))
+        self.left = 3
+
+    def go_on(self):
+        self.left -= 1
+        return None if self.left else Measured(0.02, 1e9, 0.0, PERIOD)
+
+
+@pytest.fixture
+def tried(problem, monkeypatch):
+    """Notes a frame that tells so much, and how often a trial then begins, and is left undone."""
+    instants, trial = problem.instants, Tried()
+    instants._trial = trial
+    problem.hold(VELOCITY)
+
+    def note(sigma_s, keyframe=problem.keyframe):
+        moment = SimpleNamespace(keyframe=keyframe)
+        certainty = sigma_s**-2
+        monkeypatch.setattr(instants.rolling, "learn", lambda *given: certainty)
+        instants._learn_readout(moment)
+        return len(trial.given), trial.left
+
+    return instants, trial, note
+
+
+def test_readouts_are_tried_on_frames_that_tell(tried):
+    instants, trial, note = tried
+    assert note(1.1 * TELLING_S) == (0, 0)
+    assert note(0.9 * TELLING_S) == (1, 3)
+    assert note(0.9 * TELLING_S) == (1, 3)  # one after the other
+    for _ in range(3):
+        assert instants.rolling.seconds == 0.0
+        instants.go_on()
+    assert instants.rolling.seconds == pytest.approx(0.02, rel=0.02)
+    _, key, seconds = trial.given[0]
+    assert seconds == 0.0
+    assert key.velocity is VELOCITY
+    assert len(key.depths) == len(key.edges)
+
+
+def test_at_once_where_much_is_at_stake_and_nothing_known(tried):
+    instants, _, note = tried
+    assert note(0.9 * HASTY_S) == (1, 0)
+    assert instants.rolling.seconds > 0
+    assert instants.rolling.estimate.is_known(KNOWN_S)
+    assert note(0.9 * HASTY_S) == (2, 3)
+
+
+def test_seldom_once_it_is_known_for_sure(tried):
+    instants, trial, note = tried
+    know(instants)
+    begun = []
+    for instants._count in range(1, 2 * SELDOM + 1):
+        begun.append(note(0.9 * HASTY_S)[0])
+        trial.forget()
+    assert begun[-1] == 2
+
+
+def test_only_on_frames_of_the_keyframe_that_is_held(tried):
+    _, _, note = tried
+    assert note(0.9 * HASTY_S, Problem().keyframe) == (0, 0)

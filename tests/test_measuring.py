@@ -1,6 +1,7 @@
 """What is measured of a camera while it is tracked: known answers, and what is refused."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,11 +11,13 @@ from edvo import se3
 from edvo.measuring import (
     LONGEST_S,
     MEMORY_S,
+    REACHED,
     SETTLING_S,
     SHARED,
     Changes,
     Equations,
     Estimate,
+    Measured,
     Moments,
     taken_by_pose,
 )
@@ -97,6 +100,26 @@ def test_a_frame_tells_the_more_the_more_closely_its_residuals_fit():
     assert learned(0.2, least_px=0.1) == learned(0.2)
 
 
+@pytest.mark.parametrize("off", [0.0, 0.01, -0.03])
+def test_what_is_extrapolated_is_the_less_certain(off):
+    estimate = Estimate(EXPECTED)
+    estimate.take(Measured(0.01, 4 * AS_THE_PRIOR, off, PERIOD))
+    variance = 1 / (4 * AS_THE_PRIOR / SHARED) + (REACHED * off) ** 2
+    assert 1 / estimate.variance - 1 / EXPECTED**2 == pytest.approx(1 / variance)
+    assert estimate.likely == pytest.approx(0.01 * estimate.variance / variance)
+
+
+def test_the_certainty_of_a_frame_is_what_it_would_add():
+    told = Equations(1e-3 * CERTAIN, 0.0, np.zeros(6), np.zeros(6))
+    alignment = SimpleNamespace(H=np.eye(6), sigma_px=0.2)
+    assert told.certainty(alignment) == pytest.approx(learned(0.2)[1])
+    assert told.certainty(alignment, 0.4) == pytest.approx(learned(0.4)[1])
+    shared = replace(told, mixed=np.array([np.sqrt(1e-3 * CERTAIN), 0, 0, 0, 0, 0]))
+    assert shared.certainty(alignment) == pytest.approx(0.0, abs=1e-6 * CERTAIN)
+    loose = SimpleNamespace(H=np.zeros((6, 6)), sigma_px=0.2)
+    assert told.certainty(loose) == 0.0
+
+
 # --------------------------------------------------------------------------------------- moments
 
 
@@ -154,6 +177,22 @@ def test_a_velocity_is_that_of_frames_that_follow_one_another(what):
     assert [moment is None for moment in moments] == [True, True, False, True, True, False]
     assert moments[-1].seen == "frame 4"
     np.testing.assert_allclose(moments[-1].velocity, TWIST, atol=1e-9)
+
+
+def test_a_keyframe_is_the_frame_before_the_one_after_it():
+    moments, poses = Moments(), at(0.0, PERIOD, 2 * PERIOD, 3 * PERIOD)
+
+    def note(key, T, **options):
+        return moments.note(key, "frame", SimpleNamespace(T_ref_cur=T), PERIOD, **options)
+
+    assert note("first", poses[1], is_second=True) is None
+    assert note("first", poses[2]) is None  # of the very first one the velocity is not known
+    key = poses[2]
+    assert note("second", se3.inverse(key) @ poses[3], is_second=True) is None
+    after = se3.inverse(key) @ at(4 * PERIOD)[0]
+    moment = note("second", after)
+    np.testing.assert_allclose(moment.velocity, TWIST, atol=1e-9)
+    np.testing.assert_allclose(moment.expected, TWIST, atol=1e-9)
 
 
 def test_an_interruption_begins_anew():

@@ -401,10 +401,16 @@ class MotionConfig(Section):
         "them while tracking; as stamps tell it; or taken to be none. With planes.weight. Not in "
         "the paper",
     )
-    readout: Literal["measured", "none"] = Field(
+    readout: Literal["measured", "known", "none"] = Field(
         default="measured",
         description="from the first row of an image to the last, for what the camera moves by in "
-        "between to be made up for: measured while tracking, or taken to be none. Not in the paper",
+        "between to be made up for: measured while tracking, what readout_s says, or taken to be "
+        "none. Not in the paper",
+    )
+    readout_s: Annotated[float, Field(ge=-0.033, le=0.033)] = Field(
+        default=0.0,
+        description="readout known: how long that takes, seconds, negative where rows are read "
+        "from below; summary.json of another recording by the camera tells. Not in the paper",
     )
     search_deg: Annotated[float, Field(ge=0, le=45)] = Field(
         default=24.0,

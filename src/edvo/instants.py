@@ -7,20 +7,24 @@ from numpy.typing import NDArray
 
 from edvo import se3
 from edvo.camera import Camera
-from edvo.config import Config
+from edvo.config import Config, EdgesConfig
 from edvo.delay import DepthDelay
 from edvo.edges import EdgePixels, depth_at_edges
 from edvo.kernels import Lag
 from edvo.keyframes import Keyframe
-from edvo.measuring import Moments
+from edvo.measuring import Moment, Moments
 from edvo.planes import PlaneFitter
 from edvo.registration import Alignment, Registration
 from edvo.rolling import RollingShutter
 from edvo.search import Seen
+from edvo.trial import ReadoutTrial, Rolled
 
 NEWS = 1e-3  # m and rad, by which a part of a keyframe must be off to be moved anew
+SOON_S = 1e-3  # instants that are one
 KNOWN_S = 4e-3  # to so much (one sigma), and one frame in so many is enough to keep them up
 RARELY = 4
+SURELY_S, SELDOM = 2e-3, 16  # the same of frames that readouts are tried on
+HASTY_S, TELLING_S = 8e-3, 12e-3  # one sigma of what a frame tells: at once, or by and by
 ROUGH_PX = 3  # window of depths that tell how far a shutter's readout moves an edge
 
 
@@ -38,6 +42,13 @@ class _Held:
     rolled: NDArray[np.float64]  # by that from the middle row to the last
     velocity: NDArray[np.float64] | None
     known: tuple[float, float] | None = None  # delay and readout that its parts were last held to
+    rough: NDArray[np.float32] | None = None
+
+    def depths(self, config: EdgesConfig) -> NDArray[np.float32]:
+        """Depth of its edges, looked up once."""
+        if self.rough is None:
+            self.rough = depth_at_edges(self.depth, self.index, config)
+        return self.rough
 
 
 class Instants:
@@ -67,7 +78,8 @@ class Instants:
             update={"depth_window_px": min(ROUGH_PX, config.edges.depth_window_px)}
         )
         self.depth = DepthDelay(camera, fitter, motion.depth_delay)
-        self.rolling = RollingShutter(camera, registration.solver, motion.readout)
+        self.rolling = RollingShutter(camera, registration.solver, motion.readout, motion.readout_s)
+        self._trial = ReadoutTrial(camera, registration, fitter)
         self.forget()
 
     def forget(self) -> None:
@@ -75,6 +87,7 @@ class Instants:
         self.depth.forget()
         self.rolling.forget()
         self._moments = Moments()
+        self._trial.forget()
         self._held: _Held | None = None
         self._count = 0
 
@@ -135,10 +148,35 @@ class Instants:
             return
         self._count += 1
         wanted = self._count % RARELY == 0 or not self._are_known
-        moment = self._moments.note(keyframe, seen, alignment, period, wanted=wanted)
+        age = seen.frame.timestamp - keyframe.timestamp
+        moment = self._moments.note(
+            keyframe, seen, alignment, period, wanted=wanted, is_second=abs(age - period) < SOON_S
+        )
         if moment is not None:
             self.depth.learn(moment)
+            self._learn_readout(moment)
+
+    def _learn_readout(self, moment: Moment) -> None:
+        """Learn from how a frame misfits, and, where that is much, by trying what fits better."""
+        held = self._held
+        if held is None or held.keyframe is not moment.keyframe or held.velocity is None:
             self.rolling.learn(moment)
+            return
+        certainty, estimate = self.rolling.learn(moment, held.velocity), self.rolling.estimate
+        hasty = certainty * HASTY_S**2 > 1 and not estimate.is_known(KNOWN_S)
+        if certainty * TELLING_S**2 < 1 or (self._trial.is_on and not hasty):
+            return
+        if not estimate.is_known(SURELY_S) or self._count % SELDOM == 0:
+            key = Rolled(held.edges, held.depths(self._rough), held.velocity)
+            self._trial.begin(moment, key, self.rolling.seconds)
+        while hasty and self._trial.is_on:  # until then each frame is off by pixels
+            self.go_on()
+
+    def go_on(self) -> None:
+        """Do a part of what takes too long for one frame, where there is time for it."""
+        measured = self._trial.go_on()
+        if measured is not None:
+            self.rolling.estimate.take(measured)
 
     @property
     def _are_known(self) -> bool:
@@ -246,7 +284,7 @@ class Instants:
             changed, held.T_cam_depth = replace(changed, planes=planes), T_cam_depth
         rolled = held.velocity * self.rolling.seconds / 2
         if np.abs(rolled - held.rolled).max() > NEWS:
-            depths = depth_at_edges(held.depth, held.index, self._rough)
+            depths = held.depths(self._rough)
             edges = self.rolling.unrolled(held.edges, held.velocity, depths)
             # what it has gathered was put where its edges were thought to be, and is off by as much
             every, telling = self._registration.indices(edges, len(keyframe.telling))

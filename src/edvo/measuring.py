@@ -6,6 +6,7 @@ next; the velocity of a hand does.
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ MEMORY_S = 5.0  # that a number is taken from: clocks wander
 SETTLING_S = 1.0  # that a misfit is averaged over, which its changes are taken from
 SHARED = 100.0  # points and edges that err together, from frame to frame too: so many count as one
 GATE = 3.0  # sigmas, that a frame may be off by
+REACHED = 0.5  # of how far a number is extrapolated it may be off by (one sigma)
 SURE = 2.0  # sigmas from 0, for a number to be one
 
 
@@ -41,6 +43,36 @@ class Equations:
     gradient: float
     mixed: NDArray[np.float64]
     gradient_pose: NDArray[np.float64]
+
+    def certainty(self, alignment: Alignment, least_px: float = 0.0) -> float:
+        """Say how much is told of the number, what the pose would take up of it left out.
+
+        Parameters
+        ----------
+        alignment : Alignment
+            Of the frame.
+        least_px : float, optional
+            Scale of the residuals below which a frame is no more certain.
+
+        Returns
+        -------
+        float
+            One over its variance.
+        """
+        taken = taken_by_pose(alignment.H, self.mixed)
+        if taken is None:
+            return 0.0
+        information = max(self.curvature - float(self.mixed @ taken), 0.0)
+        return information / max(alignment.sigma_px, least_px) ** 2 / SHARED
+
+
+class Measured(NamedTuple):
+    """A number as one frame shows it."""
+
+    value: float
+    information: float  # one over its variance, were all residuals independent
+    off: float  # from the number by which it was found: so far it is extrapolated
+    seconds: float  # that it stands for
 
 
 class Estimate:
@@ -113,6 +145,17 @@ class Estimate:
         fade = math.exp(-seconds / MEMORY_S)
         self._know(fade * self._information + information, fade * self._sum + weighted)
 
+    def take(self, measured: Measured) -> None:
+        """Take a measurement into account that is the less certain the farther it reaches.
+
+        Parameters
+        ----------
+        measured : Measured
+        """
+        doubt = (REACHED * measured.off) ** 2 / SHARED
+        information = measured.information / (1 + measured.information * doubt)
+        self.note(information, information * measured.value, measured.seconds)
+
     def learn(
         self, told: Equations, alignment: Alignment, seconds: float, least_px: float = 0.0
     ) -> None:
@@ -181,6 +224,7 @@ class Moments:
         period: float,
         *,
         wanted: bool = True,
+        is_second: bool = False,
     ) -> Moment | None:
         """Take the next frame.
 
@@ -194,6 +238,8 @@ class Moments:
             Seconds since the frame before it.
         wanted : bool
             False where there is no need to look at the frame before it.
+        is_second : bool
+            Whether that is the keyframe itself.
 
         Returns
         -------
@@ -204,6 +250,8 @@ class Moments:
         if period > LONGEST_S or (last is not None and last[0] is not keyframe):
             self.interrupt()
             last = None
+            if is_second and period <= LONGEST_S:
+                self._T_before = np.eye(4)
         self._last = keyframe, seen, alignment, period
         if last is None:
             return None

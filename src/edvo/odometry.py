@@ -165,7 +165,7 @@ class Odometry:
 
     @property
     def readout(self) -> float:
-        """From the first row of an image to the last, as measured so far, seconds."""
+        """From the first row of an image to the last, as known, or measured so far, seconds."""
         return self._instants.rolling.seconds
 
     def track(self, frame: Frame) -> TrackedFrame:

@@ -273,6 +273,25 @@ class Registration:
             return every, every
         return every, EdgeIndex(edges.first(first), "grid", self._cell_px, when_asked=True)
 
+    def cost(self, alignment: Alignment, sigma_px: float) -> float:
+        """Say what the edges of a registration cost by another scale than its own.
+
+        Parameters
+        ----------
+        alignment : Alignment
+        sigma_px : float
+            Scale of the residuals.
+
+        Returns
+        -------
+        float
+            Mean loss over all samples, those without a match too.
+        """
+        matched = alignment.matches >= 0
+        residuals = alignment.residuals[matched] * alignment.trust[matched]
+        n, limit = len(matched), self._normal.limit
+        return float(kernels.mean_cost(residuals, len(residuals), n, sigma_px, limit, self._solver))
+
     def align(
         self,
         reference: EdgeIndex,

@@ -14,7 +14,7 @@ from edvo.edges import EdgePixels
 from edvo.measuring import Changes, Equations, Estimate, Moment
 from edvo.planes import camera_of
 
-EXPECTED_S = 0.01  # how long a readout takes, before anything is known (one sigma)
+EXPECTED_S = 0.02  # how long a readout takes, before anything is known (one sigma)
 LARGEST_S = 0.033  # that is believed: a frame of 30 a second
 LEAST_S = 1e-3  # that matters
 SHARP_PX = 0.1  # below it residuals are what the equations leave out, and tell no more
@@ -33,14 +33,19 @@ class RollingShutter:
         Of the registration that the alignments come from.
     rule : str
         See ``MotionConfig.readout``.
+    known : float, optional
+        The readout, seconds, where by the rule it is known.
 
     Attributes
     ----------
     estimate : Estimate
-        Of the readout, seconds.
+        Of the readout, seconds, where it is measured.
     """
 
-    def __init__(self, camera: Camera, solver: kernels.Solver, rule: str) -> None:
+    def __init__(
+        self, camera: Camera, solver: kernels.Solver, rule: str, known: float = 0.0
+    ) -> None:
+        self._known = known if rule == "known" else None
         self._pinhole, self._solver = camera_of(camera), solver
         # distances have no sign that a velocity could change
         wanted = rule == "measured" and solver.residual == kernels.SIGNED
@@ -55,7 +60,8 @@ class RollingShutter:
     @property
     def seconds(self) -> float:
         """From the first row to the last; negative where they are read from below."""
-        seconds = min(max(self.estimate.value, -LARGEST_S), LARGEST_S)
+        seconds = self.estimate.value if self._known is None else self._known
+        seconds = min(max(seconds, -LARGEST_S), LARGEST_S)
         return seconds if abs(seconds) > LEAST_S else 0.0
 
     def rows(self, pixels: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -71,9 +77,7 @@ class RollingShutter:
             Seconds; empty where all are simultaneous.
         """
         seconds = self.seconds
-        if not seconds:
-            return NO_ROWS
-        return (pixels[:, 1].astype(np.float64) / self._pinhole.height - 0.5) * seconds
+        return rows_of(pixels, self._pinhole.height, seconds) if seconds else NO_ROWS
 
     def unrolled(
         self,
@@ -102,16 +106,24 @@ class RollingShutter:
             return edges
         return unroll(edges, rows, velocity, self._pinhole, depths)
 
-    def learn(self, moment: Moment) -> None:
+    def learn(self, moment: Moment, key_velocity: NDArray[np.float64] | None = None) -> float:
         """Compare how the misfit of edges by rows changes with how the velocity does.
 
         Parameters
         ----------
         moment : Moment
             A frame that is to be trusted.
+        key_velocity : ndarray of float64, shape (6,), optional
+            Of the camera at its keyframe, 1/s.
+
+        Returns
+        -------
+        float
+            How surely the frame tells, one over the variance in 1/s^2, as far as it moves otherwise
+            than its keyframe did; 0 where that is not asked for, or nothing to try readouts on.
         """
         if not self.estimate.wanted:
-            return
+            return 0.0
         alignment, samples = moment.alignment, moment.seen.samples
         T, sigma = alignment.T_ref_cur, alignment.sigma_px
         H_row, H_rows, b_row = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros(6)
@@ -133,6 +145,11 @@ class RollingShutter:
         )
         to_reference = se3.adjoint(T)
         velocity = to_reference @ moment.velocity
+        certainty = 0.0
+        if key_velocity is not None:
+            apart = velocity - key_velocity
+            shown = Equations(float(apart @ H_rows @ apart), 0.0, H_row @ apart, np.zeros(6))
+            certainty = shown.certainty(alignment, SHARP_PX)
         # at the velocity of both steps, and as if nothing had been made up for
         made_up = self.seconds if len(alignment.lag.rows) else 0.0
         as_it_was = b_row - made_up * (H_rows @ (to_reference @ moment.expected))
@@ -141,11 +158,31 @@ class RollingShutter:
             np.array([velocity, as_it_was, none]), moment.keyframe, moment.period
         )
         if changes is None:
-            return
+            return certainty
         change, misfit, pushed = changes
         curvature = float(change @ H_rows @ change)
         told = Equations(curvature, float(change @ misfit), H_row @ change, pushed)
         self.estimate.learn(told, alignment, moment.period, SHARP_PX)
+        return certainty
+
+
+def rows_of(pixels: NDArray[np.float32], height: int, seconds: float) -> NDArray[np.float64]:
+    """Say when edges were seen, as against the middle of the image.
+
+    Parameters
+    ----------
+    pixels : ndarray of float32, shape (N, 2)
+    height : int
+        Of the image.
+    seconds : float
+        From its first row to its last.
+
+    Returns
+    -------
+    ndarray of float64, shape (N,)
+        Seconds.
+    """
+    return (pixels[:, 1].astype(np.float64) / height - 0.5) * seconds
 
 
 def unroll(

@@ -142,6 +142,8 @@ class Upkeep:
             planes = None if is_late else self._planes(kept)
             self._due = _Due(kept, index, velocity, telling, planes, placed_by is not None)
         elif velocity is not None:
+            if is_tracked and age > 1:  # else this frame has taken long enough
+                self._instants.go_on()
             self._renew(velocity)
         return T_key_cur, due
 
@@ -164,9 +166,7 @@ class Upkeep:
         kept, telling = self._with_edges(seen, velocity)
         return self._finish(kept, telling, self._planes(kept), index, velocity)
 
-    def _with_edges(
-        self, seen: Seen, velocity: NDArray[np.float64] | None
-    ) -> tuple[Seen, int]:
+    def _with_edges(self, seen: Seen, velocity: NDArray[np.float64] | None) -> tuple[Seen, int]:
         """Find edges that a keyframe is to have, and how many of them tell places."""
         with self._clock("keyframe"):
             if velocity is not None:  # measured by now, no longer expected
