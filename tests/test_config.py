@@ -202,3 +202,11 @@ def test_a_file_may_hold_little_or_nothing(tmp_path):
 def test_what_cannot_be_written(tmp_path):
     with pytest.raises(OutputError, match="missing"):
         Config().to_yaml(tmp_path / "missing" / "config.yaml")
+
+
+@pytest.mark.parametrize("given", [["motion.readout=known"], ["motion.readout_s=0.02"]])
+def test_a_readout_that_is_known_is_said(given):
+    with pytest.raises(ConfigError, match=r"motion\.readout_s = .*: known .* give both"):
+        Config().with_overrides(given)
+    known = Config().with_overrides(["motion.readout=known", "motion.readout_s=-0.02"])
+    assert known.motion.readout_s == -0.02

@@ -103,10 +103,18 @@ def test_a_frame_tells_the_more_the_more_closely_its_residuals_fit():
 @pytest.mark.parametrize("off", [0.0, 0.01, -0.03])
 def test_what_is_extrapolated_is_the_less_certain(off):
     estimate = Estimate(EXPECTED)
-    estimate.take(Measured(0.01, 4 * AS_THE_PRIOR, off, PERIOD))
+    estimate.take(Measured(0.01, 4 * AS_THE_PRIOR, off))
     variance = 1 / (4 * AS_THE_PRIOR / SHARED) + (REACHED * off) ** 2
     assert 1 / estimate.variance - 1 / EXPECTED**2 == pytest.approx(1 / variance)
     assert estimate.likely == pytest.approx(0.01 * estimate.variance / variance)
+
+
+@pytest.mark.parametrize("information", [0.0, math.nan])
+def test_what_tells_nothing_leaves_all_as_it_was(information):
+    estimate = noted((CERTAIN, 0.01, PERIOD))
+    known = estimate.likely, estimate.variance
+    estimate.take(Measured(0.03, information, 0.0))
+    assert (estimate.likely, estimate.variance) == known
 
 
 def test_the_certainty_of_a_frame_is_what_it_would_add():

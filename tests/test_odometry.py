@@ -326,6 +326,44 @@ def test_a_keyframe_is_made_in_the_time_of_two_frames(room, monkeypatch):
     assert done == [("planes", 0), ("indices", 0), ("planes", 3), ("indices", 4)]
 
 
+def test_planes_wait_where_an_earlier_keyframe_was_asked(room, monkeypatch):
+    frames, _ = room
+    found = []
+    for asked in (False, True):
+        odometry, done, tracked = gaps(), [], []
+        planes, place = odometry._fitter.planes, odometry._upkeep._window.place
+
+        def noted(*given, planes=planes, done=done, tracked=tracked, **options):
+            done.append(len(tracked))
+            return planes(*given, **options)
+
+        def placed(*given, place=place, asked=asked):
+            return place(*given)[0], asked
+
+        monkeypatch.setattr(odometry._fitter, "planes", noted)
+        monkeypatch.setattr(odometry._upkeep._window, "place", placed)
+        for frame in frames[:6]:
+            tracked.append(odometry.track(frame))
+        assert done == [0, 4 if asked else 3]
+        found.append([result.T_world_cam for result in tracked])
+    np.testing.assert_array_equal(*found)
+
+
+def test_what_takes_long_goes_on_in_frames_that_make_no_keyframe(room, monkeypatch):
+    frames, _ = room
+    odometry, when = gaps(), []
+    monkeypatch.setattr(odometry._instants, "go_on", lambda: when.append(len(results)))
+    results = []
+    for frame in frames[:9]:
+        results.append(odometry.track(frame))
+    assert [result.is_keyframe for result in results] == [
+        True,
+        *[False, False, True] * 2,
+        *[False] * 2,
+    ]
+    assert when == [2, 5, 8]  # nor in that which finishes one
+
+
 def test_what_is_held_of_the_first_keyframe_is_a_copy(room):
     frames, _ = room
     depth = frames[0].depth.copy()

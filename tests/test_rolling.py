@@ -255,6 +255,18 @@ def test_nothing_is_learned_where_nothing_can_be(what):
     assert rolling.seconds == 0.0
 
 
+def test_what_was_made_up_for_is_that_of_the_registration():
+    """Though another readout is believed by now."""
+    registration = registration_of(VGA)
+    rolling = shutter(0.01)
+    *_, moment = moments(registration, rolling, count=2)
+    assert rolling._made_up(moment) == pytest.approx(0.01, rel=1e-6)
+    rolling.forget()
+    assert rolling._made_up(moment) == pytest.approx(0.01, rel=1e-6)
+    *_, at_once = moments(registration, rolling, count=2)
+    assert rolling._made_up(at_once) == 0.0
+
+
 # ------------------------------------------------------------------------------------- sequences
 
 

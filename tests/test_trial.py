@@ -59,12 +59,11 @@ def test_the_readout_that_fits_best_is_found():
     measured = Scene().measured(READOUT - 0.5 * STEP_S)
     assert measured.value == pytest.approx(READOUT, abs=2e-3)
     assert measured.off == pytest.approx(measured.value - (READOUT - 0.5 * STEP_S))
-    assert measured.seconds == pytest.approx(len(STEPS) * PERIOD)
     assert Scene().measured(READOUT).value == pytest.approx(READOUT, abs=1e-3)
 
 
 @pytest.mark.parametrize(("readout", "believed"), [(READOUT, -0.012), (-READOUT, 0.012)])
-def test_one_that_is_far_is_looked_for_no_farther_than_it_surely_is(readout, believed):
+def test_one_that_is_far_is_looked_for_step_by_step(readout, believed):
     measured = Scene(readout).measured(believed)
     assert measured.off == pytest.approx(np.sign(readout) * FARTHEST * STEP_S)
     assert measured.information > 0
@@ -103,6 +102,23 @@ def test_depth_has_a_say(monkeypatch):
     bend = 0.5 * stride * (0.0 - 2 * 100.0 + 300.0) / STEP_S**2
     assert both.information == pytest.approx(alone.information + bend, rel=1e-6)
     assert both.value < alone.value
+
+
+def test_too_few_edges_tell_nothing():
+    scene = Scene()
+    few = scene.moment.seen.samples.first(20)
+    seen = SimpleNamespace(samples=few, points=NO_POINTS)
+    alignment = replace(scene.moment.alignment, pixels=few.pixels)
+    scene.moment = replace(scene.moment, seen=seen, alignment=alignment)
+    assert scene.measured(0.0).information == 0
+
+
+def test_what_a_registration_costs_by_its_own_scale_is_its_cost():
+    scene = Scene()
+    found = scene.moment.alignment
+    cost = scene.registration.cost(found, found.sigma_px)
+    assert cost == pytest.approx(found.cost, rel=1e-6)
+    assert scene.registration.cost(found, 2 * found.sigma_px) < cost
 
 
 def test_forgotten_it_ends():
@@ -172,8 +188,8 @@ def test_nothing_is_tried_where_nobody_asks(tmp_path, monkeypatch):
     frames, truth = turning(tmp_path / "path.txt", READOUT, 12)
     begun = []
     monkeypatch.setattr(ReadoutTrial, "begin", lambda *given: begun.append(given))
-    for rule in ("none", "known"):
-        follow(frames, truth, f"motion.readout={rule}")
+    follow(frames, truth, "motion.readout=none")
+    follow(frames, truth, "motion.readout=known", f"motion.readout_s={READOUT}")
     assert not begun
     follow(frames, truth)
     assert begun

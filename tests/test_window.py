@@ -75,7 +75,7 @@ class Walk:
 
     def go(self, T_last_cur, scale=1.0, seen=SEEN):
         C = scale * SIGMA**2 * np.eye(6)
-        T, _ = self.window.place(self.last, seen, T_last_cur, C, TERM)
+        T, self.is_asked = self.window.place(self.last, seen, T_last_cur, C, TERM)
         self.last = keyframe(self.last.index + 1, T)
         self.window.take(self.last)
         return T
@@ -84,6 +84,9 @@ class Walk:
 def test_the_first_ones_are_where_they_were_registered():
     walk = Walk(Given(np.eye(4)))
     np.testing.assert_array_equal(walk.go(at(0.1)), at(0.1))
+    assert not walk.is_asked
+    walk.go(at(0.1))
+    assert walk.is_asked
 
 
 @pytest.mark.parametrize(("samples", "stride"), [(200, 2), (1500, 2), (4500, 6)])

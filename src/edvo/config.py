@@ -11,7 +11,14 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+)
 
 from edvo.errors import ConfigError
 from edvo.files import write_atomically
@@ -409,6 +416,7 @@ class MotionConfig(Section):
     )
     readout_s: Annotated[float, Field(ge=-0.033, le=0.033)] = Field(
         default=0.0,
+        validate_default=True,
         description="readout known: how long that takes, seconds, negative where rows are read "
         "from below; summary.json of another recording by the camera tells. Not in the paper",
     )
@@ -420,6 +428,13 @@ class MotionConfig(Section):
     )
     max_speed_m_s: Positive = Field(default=5.0, description="a faster pose is an error")
     max_turn_deg_s: Positive = Field(default=500.0, description="a faster turn is an error")
+
+    @field_validator("readout_s")
+    @classmethod
+    def _goes_with_the_rule(cls, seconds: float, others: ValidationInfo) -> float:
+        if (others.data.get("readout") == "known") != (seconds != 0):
+            raise ValueError("readout: known and readout_s, not 0, go together; give both")
+        return seconds
 
 
 class StatusConfig(Section):

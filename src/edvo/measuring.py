@@ -72,7 +72,6 @@ class Measured(NamedTuple):
     value: float
     information: float  # one over its variance, were all residuals independent
     off: float  # from the number by which it was found: so far it is extrapolated
-    seconds: float  # that it stands for
 
 
 class Estimate:
@@ -152,9 +151,11 @@ class Estimate:
         ----------
         measured : Measured
         """
+        if not measured.information > 0:
+            return
         doubt = (REACHED * measured.off) ** 2 / SHARED
         information = measured.information / (1 + measured.information * doubt)
-        self.note(information, information * measured.value, measured.seconds)
+        self.note(information, information * measured.value, 0.0)  # its frame was noted already
 
     def learn(
         self, told: Equations, alignment: Alignment, seconds: float, least_px: float = 0.0
@@ -239,7 +240,7 @@ class Moments:
         wanted : bool
             False where there is no need to look at the frame before it.
         is_second : bool
-            Whether that is the keyframe itself.
+            Whether the frame before it is the keyframe itself.
 
         Returns
         -------

@@ -151,7 +151,7 @@ class RollingShutter:
             shown = Equations(float(apart @ H_rows @ apart), 0.0, H_row @ apart, np.zeros(6))
             certainty = shown.certainty(alignment, SHARP_PX)
         # at the velocity of both steps, and as if nothing had been made up for
-        made_up = self.seconds if len(alignment.lag.rows) else 0.0
+        made_up = self._made_up(moment)
         as_it_was = b_row - made_up * (H_rows @ (to_reference @ moment.expected))
         none = -made_up * (H_row @ (to_reference @ moment.expected))
         changes = self._changes.of(
@@ -164,6 +164,15 @@ class RollingShutter:
         told = Equations(curvature, float(change @ misfit), H_row @ change, pushed)
         self.estimate.learn(told, alignment, moment.period, SHARP_PX)
         return certainty
+
+    def _made_up(self, moment: Moment) -> float:
+        """The readout that a registration has made up for; another may be believed by now."""
+        rows = moment.alignment.lag.rows
+        if not len(rows):
+            return 0.0
+        k = int(np.argmax(np.abs(rows)))
+        place = float(moment.alignment.pixels[k, 1]) / self._pinhole.height - 0.5
+        return float(rows[k]) * moment.period / place if place else 0.0
 
 
 def rows_of(pixels: NDArray[np.float32], height: int, seconds: float) -> NDArray[np.float64]:

@@ -17,7 +17,7 @@ from edvo.camera import Camera
 from edvo.edges import EdgePixels
 from edvo.measuring import Measured, Moment
 from edvo.planes import PlaneFitter, camera_of
-from edvo.registration import Alignment, Registration
+from edvo.registration import FAILURES, Alignment, Registration
 from edvo.rolling import SHARP_PX, rows_of, unroll
 
 STEP_S = 0.012  # that the readouts tried are apart
@@ -54,6 +54,7 @@ class ReadoutTrial:
     def forget(self) -> None:
         """Drop what is being tried."""
         self._moment: Moment | None = None
+        self._tried: list[Alignment] = []
 
     @property
     def is_on(self) -> bool:
@@ -76,7 +77,7 @@ class ReadoutTrial:
         self._stride = max(len(samples) // SAMPLES, 1)
         seen = replace(samples, pixels=moment.alignment.pixels)  # where they were seen
         self._moment, self._key, self._samples = moment, key, seen.every(self._stride)
-        self._believed, self._tried = seconds, list[Alignment]()
+        self._believed, self._tried = seconds, []
 
     def go_on(self) -> Measured | None:
         """Try the next of the three readouts.
@@ -85,7 +86,7 @@ class ReadoutTrial:
         -------
         Measured or None
             After the last of them, that which fits best by a parabola through what they cost; of
-            no ``information`` where no other fits better, nor worse.
+            no ``information`` where no other fits better, nor worse, or one could not be tried.
         """
         if self._moment is None:
             return None
@@ -94,14 +95,16 @@ class ReadoutTrial:
         if len(self._tried) < len(STEPS):
             return None
         here, before, after = self._costs(self._moment)
-        seconds = len(STEPS) * self._moment.period
-        self._moment = None
+        fails = any(tried.reason in FAILURES for tried in self._tried)
+        self.forget()
+        if fails:
+            return Measured(readout, 0.0, 0.0)
         bend = (before - 2 * here + after) / STEP_S**2
         off = (before - after) / (2 * STEP_S * bend) if bend > 0 else math.inf
-        if abs(off) > FARTHEST * STEP_S:  # it lies beyond; so far it surely does
+        if abs(off) > FARTHEST * STEP_S:  # no parabola reaches farther than its points for sure
             off = math.copysign(FARTHEST * STEP_S, before - after)
             bend = 2 * max(here - min(before, after), 0.0) / off**2
-        return Measured(self._believed + off, bend, off, seconds)
+        return Measured(self._believed + off, bend, off)
 
     def _register(self, moment: Moment, readout: float) -> Alignment:
         """Register both images, straightened."""

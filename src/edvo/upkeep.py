@@ -142,8 +142,9 @@ class Upkeep:
             planes = None if is_late else self._planes(kept)
             self._due = _Due(kept, index, velocity, telling, planes, placed_by is not None)
         elif velocity is not None:
-            if is_tracked and age > 1:  # else this frame has taken long enough
-                self._instants.go_on()
+            if age > 1:  # else this frame has made the keyframe, which took long enough
+                with self._clock("registration"):
+                    self._instants.go_on()
             self._renew(velocity)
         return T_key_cur, due
 
@@ -260,9 +261,9 @@ class Upkeep:
     def _place(
         self, seen: Seen, T_key_cur: NDArray[np.float64], covariance: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], bool]:
-        """Move a frame that is to be the keyframe to where the last few place it: T_key_cur.
+        """Move a frame that is to be the keyframe to where the last few place it.
 
-        And whether that has taken its time.
+        Returns T_key_cur, and whether an earlier keyframe was asked, which takes its time.
         """
         course, last, term = self._course, self._course.key, self._shared.term(self._fitter.term)
         with self._clock("keyframe"):
