@@ -44,8 +44,10 @@ class Equations:
     mixed: NDArray[np.float64]
     gradient_pose: NDArray[np.float64]
 
-    def certainty(self, alignment: Alignment, least_px: float = 0.0) -> float:
-        """Say how much is told of the number, what the pose would take up of it left out.
+    def without_pose(
+        self, alignment: Alignment, least_px: float = 0.0
+    ) -> tuple[float, float] | None:
+        """Say what is told of the number, less what the pose would take up of it.
 
         Parameters
         ----------
@@ -56,18 +58,31 @@ class Equations:
 
         Returns
         -------
-        float
-            One over its variance.
+        tuple of (float, float), or None
+            One over the variance of the number, were all residuals independent, and the gradient
+            along the number, both in units of the scale; None where the pose is not constrained.
         """
         taken = taken_by_pose(alignment.H, self.mixed)
         if taken is None:
-            return 0.0
-        information = max(self.curvature - float(self.mixed @ taken), 0.0)
-        return information / max(alignment.sigma_px, least_px) ** 2 / SHARED
+            return None
+        scale = 1 / max(alignment.sigma_px, least_px) ** 2
+        information = max(self.curvature - float(self.mixed @ taken), 0.0) * scale
+        return information, (self.gradient - float(taken @ self.gradient_pose)) * scale
+
+    def certainty(self, alignment: Alignment, least_px: float = 0.0) -> float:
+        """Say how surely the number is told; for the parameters see `without_pose`.
+
+        Returns
+        -------
+        float
+            One over its variance, with what residuals share; 0 where the pose is not constrained.
+        """
+        told = self.without_pose(alignment, least_px)
+        return told[0] / SHARED if told else 0.0
 
 
 class Measured(NamedTuple):
-    """A number as one frame shows it."""
+    """A number as one frame shows it, in the unit of the number."""
 
     value: float
     information: float  # one over its variance, were all residuals independent
@@ -172,13 +187,10 @@ class Estimate:
         least_px : float, optional
             Scale of the residuals below which a frame is no more certain.
         """
-        taken = taken_by_pose(alignment.H, told.mixed)
-        if taken is None:
-            return
-        scale = 1 / max(alignment.sigma_px, least_px) ** 2
-        information = max(told.curvature - float(told.mixed @ taken), 0.0) * scale
-        gradient = (told.gradient - float(taken @ told.gradient_pose)) * scale
-        self.note(information, -gradient, seconds)
+        alone = told.without_pose(alignment, least_px)
+        if alone is not None:
+            information, gradient = alone
+            self.note(information, -gradient, seconds)
 
 
 @dataclass(frozen=True, slots=True)
