@@ -426,6 +426,12 @@ class MotionConfig(Section):
         "up to so much to either side, and half as much up and down, 3 degrees apart, are judged "
         "at a glance, and the likeliest registered; 0 for none. Not in the paper",
     )
+    inertia: Literal["loose", "none"] = Field(
+        default="loose",
+        description="where a registration is less sure than 10 mm or 0.4 degrees: it is weighed "
+        "along each motion against where the camera was going, or stands as it is. With "
+        "status.covariance. Not in the paper",
+    )
     max_speed_m_s: Positive = Field(default=5.0, description="a faster pose is an error")
     max_turn_deg_s: Positive = Field(default=500.0, description="a faster turn is an error")
 
@@ -466,6 +472,13 @@ class StatusConfig(Section):
         "did of late, while depth lies on the keyframe's planes as ever, is registered anew by the "
         "scale of late; and one that is followed closely is degraded, not lost, if that share "
         "(min_agreeing) of its edges still are in their places. 0 leaves both. Not in the paper",
+    )
+    min_told: Annotated[float, Field(ge=0, lt=1)] = Field(
+        default=0.25,
+        description="share of what edges could tell of a motion that has to count: where all but "
+        "those that run along it are left out as wrong matches, the frame is registered anew by a "
+        "wider scale, and if that does not help the motion counts as not constrained. 0 does not "
+        "ask. Not in the paper",
     )
     depth_jump: Positive = Field(
         default=3.0,
@@ -697,7 +710,13 @@ PRESETS: dict[str, dict[str, Any]] = {
             "depth_doubt_rule": "none",
             "finer": "none",
         },
-        "motion": {"search_deg": 0.0, "prior_stride": 4, "depth_delay": "none", "readout": "none"},
+        "motion": {
+            "search_deg": 0.0,
+            "prior_stride": 4,
+            "depth_delay": "none",
+            "readout": "none",
+            "inertia": "none",
+        },
         "keyframes": {
             "max_translation_m": 0.3,
             "window": 1,
@@ -726,6 +745,7 @@ PRESETS: dict[str, dict[str, Any]] = {
             "lost": "wait",
             "sudden_change": "ignore",
             "edge_jump": 0.0,
+            "min_told": 0.0,
         },
     },
 }

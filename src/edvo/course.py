@@ -167,7 +167,11 @@ class Course:
         return se3.inverse(self.anchor[1]) @ T_world_cur, self.unseen(timestamp)
 
     def step(
-        self, T_key_cur: NDArray[np.float64], T_last_cur: NDArray[np.float64], seconds: float
+        self,
+        T_key_cur: NDArray[np.float64],
+        T_last_cur: NDArray[np.float64],
+        seconds: float,
+        velocity: NDArray[np.float64] | None = None,
     ) -> None:
         """Move on to a pose; that its time has come is noted apart.
 
@@ -178,8 +182,10 @@ class Course:
             The motion, and
         seconds : float
             that it took.
+        velocity : ndarray of float64, shape (6,), optional
+            Of the camera, where more than this motion tells it.
         """
-        self.velocity = se3.log(T_last_cur) / seconds
+        self.velocity = se3.log(T_last_cur) / seconds if velocity is None else velocity
         self.T_key_last = T_key_cur.copy()  # whoever gets the registration may write to it
         self.T_world_last = self.key.T_world_key @ T_key_cur
 

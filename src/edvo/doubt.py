@@ -21,6 +21,7 @@ from edvo.witness import Surface, Witness
 DOUBTFUL_S = 1.0  # after what raises doubt, a pose is no better than the way that led to it
 MOVED, ASTRAY = "something moved less than a second ago", "found again, lost from a doubtful pose"
 STEPPED = "a far step less than a second ago"
+LOOSE = "hardly constrained less than a second ago"
 # Motion alone does not change a view so much in so short a time: light does, or a hand that comes.
 JUST_NOW_S = 0.1
 CHANGED = "less than a second ago the view had changed at once"

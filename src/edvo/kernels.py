@@ -2731,6 +2731,50 @@ def solve_damped(H: F64, b: F64, damping: float, step: F64) -> bool:
     return True
 
 
+@compiled
+def filter_pose(
+    P: F64, C: F64, acceleration: F64, seconds: float, off: F64, velocity: F64, step: F64
+) -> bool:
+    """Predict and correct a Kalman filter of constant velocity; False where it cannot be.
+
+    ``P`` (3, 6, 6) holds the covariances of the pose, of the pose with the velocity, and of the
+    velocity; ``C`` that of a measurement which is ``off`` (6,) from the pose predicted.
+    ``acceleration`` (6,) are variances. P and ``velocity`` are corrected, and by what the pose is,
+    is written to ``step``.
+    """
+    A, B, D = P[0], P[1], P[2]
+    S, L, W, V = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
+    square = seconds * seconds
+    for i in range(6):
+        for j in range(6):
+            W[i, j] = A[i, j] + seconds * (B[i, j] + B[j, i]) + square * D[i, j]
+            V[j, i] = B[i, j] + seconds * D[i, j]
+        W[i, i] += acceleration[i] * square * square / 4
+        V[i, i] += acceleration[i] * square * seconds / 2
+        D[i, i] += acceleration[i] * square
+    for i in range(6):
+        for j in range(6):
+            A[i, j], B[j, i] = W[i, j], V[i, j]
+            S[i, j] = W[i, j] + C[i, j]
+    if not factorize(S, 0.0, L):
+        return False
+    w = off.copy()
+    solve_lower(L, w)
+    for i in range(6):
+        solve_lower(L, W[i])  # rows that are columns of A, and of B
+        solve_lower(L, V[i])
+    for i in range(6):
+        step[i] = 0.0
+        for j in range(6):
+            step[i] += W[i, j] * w[j]
+            velocity[i] += V[i, j] * w[j]
+            for k in range(6):
+                A[i, j] -= W[i, k] * W[j, k]
+                B[i, j] -= W[i, k] * V[j, k]
+                D[i, j] -= V[i, k] * V[j, k]
+    return True
+
+
 @lean
 def left_to_go(change: float, before: float) -> float:
     """What is left after a step if each is the same share of the one before it."""
@@ -4460,6 +4504,56 @@ def judge_matches(
             if along + reference[edge, 1] * gradients[i, 1] > least:
                 agreeing += 1
     return inliers, agreeing
+
+
+@compiled
+def is_told(
+    points: F64,
+    gradients: F32,
+    matches: I32,
+    residuals: F64,
+    trust: F64,
+    camera: Pinhole,
+    T: F64,
+    solver: Solver,
+    sigma: float,
+    told: F64,
+    times: float,
+    left: F64,
+) -> bool:
+    """Write what robust weights leave out of the curvature, J^T (1 - W) J, px^2.
+
+    ``points`` (N, 3) are those of the samples, ``gradients`` (M, 2) those of the reference; the
+    others are as `align` gives them. Returns whether that is less than ``told`` so many ``times``,
+    along each motion.
+    """
+    J, rest = np.empty(6), np.empty((6, 6))
+    inverse = 1 / (sigma * sigma)
+    per_most = 1 / robust_weight(0.0, solver.weight, solver.tuning)
+    left[:] = 0
+    for i in range(matches.size):
+        k = matches[i]
+        if k < 0:
+            continue
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        px = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
+        py = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
+        pz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+        if pz < MIN_DEPTH:
+            continue
+        r = trust[i] * residuals[i]
+        share = 1 - per_most * robust_weight(r * r * inverse, solver.weight, solver.tuning)
+        per_z = trust[i] / pz
+        au, av = gradients[k, 0] * camera.fx * per_z, gradients[k, 1] * camera.fy * per_z
+        write_row(au, av, -(au * px + av * py) / pz, px, py, pz, J)
+        for m in range(6):
+            for n in range(m + 1):
+                left[m, n] += share * J[m] * J[n]
+    mirror_lower(left)
+    for m in range(6):
+        for n in range(6):
+            rest[m, n] = times * told[m, n] - left[m, n]
+    return factorize(rest, 0.0, np.empty((6, 6)))
 
 
 # ----------------------------------------------------------------------------- what stands still

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from edvo import kernels, se3
 from edvo.course import Course
 from edvo.doubt import STEPPED, Doubt
+from edvo.evidence import Evidence
 from edvo.kit import Kit
 from edvo.planes import DepthTerm, thinned
 from edvo.registration import AT_ONCE, Alignment
@@ -38,6 +39,8 @@ class Locator:
         self._registration, self._fitter = kit.registration, kit.fitter
         self._depth_alone, self._search, self._judge = kit.depth_alone, kit.search, kit.judge
         self._shared, self._instants = kit.shared, kit.instants
+        solver, least = kit.registration.solver, kit.config.status.min_told
+        self._evidence = Evidence(kit.camera, solver, least)
         two_stages = kit.config.matching.criterion == "robust-then-normal"
         self._begins_narrow = two_stages and kit.config.registration.first_sigma_px < WIDE_PX
         self._course, self._doubt = course, doubt
@@ -74,7 +77,7 @@ class Locator:
         if not self._config.motion.search_deg:
             return alignment, status, reason
         unsure = status is not Status.TRACKED or self._judge.scatter.fits_less(alignment)
-        if not far and not unsure:
+        if not far and not unsure and not self._leaves_out(seen, alignment):
             return alignment, status, reason
         with self._clock("search"):
             if not far and self._begins_narrow:
@@ -176,6 +179,11 @@ class Locator:
             if fails != other_fails:
                 return other if fails else found
         return max(found, other, key=clarity)
+
+    def _leaves_out(self, seen: Seen, alignment: Alignment) -> bool:
+        """Whether a motion that edges could tell is one that hardly any of them does."""
+        edges = self._course.key.edges_for(near=seen.is_near).edges
+        return len(self._evidence.untold(edges, seen.samples, alignment)) > 0
 
     def _is_lost(self, alignment: Alignment, timestamp: float) -> bool:
         return self.assess(alignment, timestamp)[0] is Status.LOST

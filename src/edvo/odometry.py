@@ -5,6 +5,7 @@ import logging
 import numpy as np
 from numpy.typing import NDArray
 
+from edvo import se3
 from edvo.background import Still
 from edvo.blind import Blind
 from edvo.camera import Camera
@@ -19,11 +20,12 @@ from edvo.course import (
 )
 from edvo.depth_alone import DepthAlone
 from edvo.detail import Detail, usual_detail, worthwhile_detail
-from edvo.doubt import ASTRAY, Doubt
+from edvo.doubt import ASTRAY, LOOSE, Doubt
 from edvo.errors import FrameError
 from edvo.frame import Frame
 from edvo.freeze import FREEZE_S, Freeze
 from edvo.front_end import FrontEnd
+from edvo.inertia import Inertia
 from edvo.instants import Instants
 from edvo.kit import Kit
 from edvo.locating import Locator
@@ -136,6 +138,7 @@ class Odometry:
             self._search,
         )
         self._freeze = Freeze()
+        self._inertia = Inertia(self.config)
         self._fresh = 0  # index of the last new image
         self._is_fine = False  # whether its depth was looked at closely
         self._pieces = Pieces()
@@ -344,7 +347,25 @@ class Odometry:
         compared = key.planes, registered.points, self._fitter.term
         T_last_cur, period = course.moved(T_key_cur, timestamp)
         follows = course.follows(timestamp) and not is_found
-        course.step(T_key_cur, T_last_cur, period)
+        covariance, held = None, None
+        if self.config.status.covariance != "none" or course.anchor is not None:
+            with self._clock("uncertainty"):
+                covariance = self._uncertainty.covariance(
+                    key.edges, registered.samples, *compared, alignment
+                )
+                held = self._inertia.settle(
+                    key.index,
+                    course.T_key_last,
+                    T_key_cur,
+                    covariance,
+                    period,
+                    follows=follows and not course.is_blind,
+                )
+        if held is None:
+            course.step(T_key_cur, T_last_cur, period)
+        else:
+            T_last_cur = se3.inverse(course.T_key_last) @ held
+            course.step(held, T_last_cur, period, self._inertia.velocity.copy())
         course.is_blind = False
         self._recovery.note()
         if status is Status.TRACKED and doubt.lasts(timestamp):
@@ -355,19 +376,18 @@ class Odometry:
             self._judge.note(alignment)
             self._front_end.note(registered, alignment)
             self._shared.note(key.edges.edges, alignment, period, *compared)
-            with self._clock("registration"):
-                self._instants.note(key, registered, alignment, period)
+            if held is None:
+                with self._clock("registration"):
+                    self._instants.note(key, registered, alignment, period)
+            else:
+                self._instants.interrupt()
             course.note_tracked(period)
         else:
             self._shared.interrupt()
             self._instants.interrupt()
-        covariance: NDArray[np.float64] | None = None
         degenerate: tuple[str, ...] = ()
-        if self.config.status.covariance != "none" or course.anchor is not None:
+        if covariance is not None:
             with self._clock("uncertainty"):
-                covariance = self._uncertainty.covariance(
-                    key.edges, registered.samples, *compared, alignment
-                )
                 degenerate = tuple(describe(way) for way in degenerate_directions(covariance))
         if course.anchor is not None and not degenerate:  # else it may still be off along those
             if course.unseen(timestamp) > LONG_LOST_S:
@@ -395,6 +415,8 @@ class Odometry:
             is_whole=still is None,
             is_tracked=status is Status.TRACKED,
         )
+        if is_keyframe and self._inertia.is_adrift:
+            doubt.cast(timestamp, LOOSE)
         return self._record.keep(
             timestamp,
             status,

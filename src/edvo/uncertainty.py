@@ -15,6 +15,7 @@ from edvo import kernels, se3
 from edvo.camera import Camera
 from edvo.config import Config
 from edvo.edges import EdgePixels
+from edvo.evidence import Evidence
 from edvo.matching import EdgeIndex
 from edvo.planes import DepthTerm, PlaneMap, PlanePoints, camera_of
 from edvo.registration import Alignment
@@ -26,7 +27,7 @@ PRIOR = np.ones(6)  # 1/m^2 and 1/rad^2: what nothing constrains is off by a met
 _UNIT, _PRIOR = np.eye(6), np.diag(PRIOR)
 # A direction is degenerate where the pose may be off by 5 cm or 2 degrees: its 90 % interval.
 DEGENERATE_M, DEGENERATE_RAD = 0.05 / 1.645, np.radians(2.0) / 1.645
-_BOUNDS = np.array([DEGENERATE_M] * 3 + [DEGENERATE_RAD] * 3)
+BOUNDS = np.array([DEGENERATE_M] * 3 + [DEGENERATE_RAD] * 3)
 AXES = ("x", "y", "z")
 PURE = 0.1  # share of the smaller part below which a motion is a translation or a rotation alone
 AXIAL = np.cos(np.radians(15.0))  # a direction nearer to an axis is named by that
@@ -53,7 +54,7 @@ class Uncertainty:
     camera : Camera
         Of both images.
     config : Config
-        Its sections registration and planes.
+        Its sections registration, planes and status.
     solver : kernels.Solver
         Of the registration that the alignments come from.
     """
@@ -63,6 +64,7 @@ class Uncertainty:
         self._pinhole = camera_of(camera)
         self._solver = solver
         self._noise = DEPTH_NOISE[config.planes.sensor]
+        self._evidence = Evidence(camera, solver, config.status.min_told)
 
     def parts(
         self,
@@ -134,13 +136,15 @@ class Uncertainty:
         Returns
         -------
         ndarray of float64, shape (6, 6)
-            See `combine`.
+            See `combine`. What edges could tell, but those that do are left out, is not known,
+            either.
         """
         H, blur, parts = self.parts(reference, samples, planes, points, term, alignment)
         sigma, C = _scale(alignment), np.empty((6, 6))
-        if kernels.combine_parts(H, blur, parts, DOUBT, _SHARES, sigma**4, PRIOR, C):
-            return C
-        return combine(without_blur(H, blur), parts, sigma)
+        if not kernels.combine_parts(H, blur, parts, DOUBT, _SHARES, sigma**4, PRIOR, C):
+            C = combine(without_blur(H, blur), parts, sigma)
+        untold = self._evidence.untold(reference.edges, samples, alignment)
+        return C + untold.T @ untold if len(untold) else C
 
 
 def _scale(alignment: Alignment) -> float:
@@ -233,8 +237,8 @@ def constrained_directions(covariance: NDArray[np.float64]) -> NDArray[np.float6
         Twists [v, w] as columns, K of 0 to 6: across those of `degenerate_directions`, and each as
         long as there is tolerated.
     """
-    values, vectors = np.linalg.eigh(covariance / np.outer(_BOUNDS, _BOUNDS))
-    basis: NDArray[np.float64] = vectors[:, values <= 1] * _BOUNDS[:, None]
+    values, vectors = np.linalg.eigh(covariance / np.outer(BOUNDS, BOUNDS))
+    basis: NDArray[np.float64] = vectors[:, values <= 1] * BOUNDS[:, None]
     return basis
 
 
@@ -252,9 +256,9 @@ def degenerate_directions(covariance: NDArray[np.float64]) -> NDArray[np.float64
         or 1.2 degrees (a 90 % interval of 5 cm or 2 degrees): translations first, then rotations,
         then what is both; along the camera's axes as far as can be.
     """
-    if covariance.diagonal() @ _BOUNDS**-2 < 1:  # as then is each eigenvalue; none is negative
+    if covariance.diagonal() @ BOUNDS**-2 < 1:  # as then is each eigenvalue; none is negative
         return np.empty((0, 6))
-    values, vectors = np.linalg.eigh(covariance / np.outer(_BOUNDS, _BOUNDS))
+    values, vectors = np.linalg.eigh(covariance / np.outer(BOUNDS, BOUNDS))
     loose = vectors[:, values > 1]
     if not loose.size:
         return np.empty((0, 6))
@@ -271,7 +275,7 @@ def degenerate_directions(covariance: NDArray[np.float64]) -> NDArray[np.float64
         loose = loose @ mix[sizes >= PURE].T
         if not loose.size:
             break
-    found += list((loose * _BOUNDS[:, None]).T)
+    found += list((loose * BOUNDS[:, None]).T)
     return np.array(found)
 
 
@@ -307,7 +311,7 @@ def describe(direction: NDArray[np.float64]) -> str:
     >>> describe(np.array([0, 0.03, 0, 0.02, 0, 0]))
     'translation along y with rotation about x'
     """
-    v, w = np.split(np.asarray(direction, np.float64) / _BOUNDS, 2)
+    v, w = np.split(np.asarray(direction, np.float64) / BOUNDS, 2)
     size = float(np.hypot(np.linalg.norm(v), np.linalg.norm(w)))
     words = []
     if np.linalg.norm(v) > PURE * size:

@@ -1,0 +1,86 @@
+"""Evidence that is left out: motions that edges could tell, but those that do fit nowhere.
+
+Not in the paper. Where most edges run along a motion, they fit wherever along it the camera is, and
+set the scale of the residuals; the few across it, once they are off by more than that, are left out
+as wrong matches, one and all, and the pose stays where it was expected.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edvo import kernels
+from edvo.camera import Camera
+from edvo.edges import EdgePixels
+from edvo.planes import camera_of
+from edvo.registration import FAILURES, Alignment
+
+TELLING_M, TELLING_RAD = 0.05, np.radians(2.0)  # what tells a motion no better is no evidence
+SHARED = 100.0  # edges that err together: so many count as one
+_ENOUGH = SHARED / np.array([TELLING_M] * 3 + [TELLING_RAD] * 3) ** 2
+NONE = np.empty((0, 6))
+
+
+class Evidence:
+    """Finds motions that edges could tell, but hardly any of those that do counts.
+
+    Parameters
+    ----------
+    camera : Camera
+        Of both images.
+    solver : kernels.Solver
+        Of the registrations that are asked about.
+    least : float
+        The share of what edges could tell of a motion that has to count; 0 does not ask.
+    """
+
+    def __init__(self, camera: Camera, solver: kernels.Solver, least: float) -> None:
+        self._camera, self._pinhole = camera, camera_of(camera)
+        self._solver, self._least = solver, least
+
+    def untold(
+        self, reference: EdgePixels, samples: EdgePixels, alignment: Alignment
+    ) -> NDArray[np.float64]:
+        """Find the motions of which less than the least share counts.
+
+        With :math:`H = J^T W J` the curvature of the registration, depth included, and :math:`R =
+        J^T (1 - W) J` that of what robust weights leave out, these are the eigenvectors of the
+        pencil :math:`(H, H + R)` whose eigenvalue is below that share. What tells of a motion to no
+        better than 5 cm or 2 degrees counts as if it were told.
+
+        Parameters
+        ----------
+        reference : EdgePixels
+            Edges of the reference.
+        samples : EdgePixels
+            Of the frame, that were registered.
+        alignment : Alignment
+
+        Returns
+        -------
+        ndarray of float64, shape (K, 6)
+            Twists [v, w] of length 1 of the reference camera, K of 0 to 6.
+        """
+        if not self._least or not alignment.sigma_px or alignment.reason in FAILURES:
+            return NONE
+        sigma = alignment.sigma_px
+        left, told = np.empty((6, 6)), alignment.H + np.diag(sigma * sigma * _ENOUGH)
+        if kernels.is_told(
+            samples.points(self._camera),
+            reference.gradients,
+            alignment.matches,
+            alignment.residuals,
+            alignment.trust,
+            self._pinhole,
+            alignment.T_ref_cur,
+            self._solver,
+            sigma,
+            told,
+            1 / self._least - 1,
+            left,
+        ):
+            return NONE
+        to_unit = np.linalg.inv(np.linalg.cholesky(told))
+        times, ways = np.linalg.eigh(to_unit @ left @ to_unit.T)
+        twists = (to_unit.T @ ways[:, times > 1 / self._least - 1]).T
+        untold: NDArray[np.float64] = twists / np.linalg.norm(twists, axis=1, keepdims=True)
+        return untold

@@ -1,0 +1,102 @@
+"""Inertia: along what hardly anything constrains, a camera goes on as it was going.
+
+Not in the paper. Where only edges of one direction are in view, a registration leaves the camera
+anywhere along them, and what it finds there, taken for its velocity, leads the next frame farther
+astray. So a Kalman filter of constant velocity stands by, and where a registration is so much less
+sure than a hand is steady, says where the camera is: along each motion by as much as it is surer.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edvo import kernels, se3
+from edvo.config import Config
+from edvo.uncertainty import BOUNDS, in_current_camera
+
+HAND = np.array([3.0] * 3 + [6.0] * 3)  # how a hand accelerates, m/s^2 and rad/s^2 (one sigma)
+UNKNOWN = np.array([0.5] * 3 + [1.0] * 3)  # velocity at first, m/s and rad/s (one sigma)
+LOOSE = 1 / 3  # of what is called not constrained; a registration that is surer stands as it is
+
+
+class Inertia:
+    """Follows the motion of a camera, and says where it is along what is hardly constrained.
+
+    Parameters
+    ----------
+    config : Config
+        Its ``motion.inertia``.
+
+    Attributes
+    ----------
+    velocity : ndarray of float64, shape (6,)
+        Of the camera, [v, w] in its own frame, 1/s.
+    """
+
+    def __init__(self, config: Config) -> None:
+        self._is_on = config.motion.inertia == "loose"
+        self._index: int | None = None  # of the keyframe
+        self.velocity = np.zeros(6)
+        # of the pose, of the pose with the velocity, and of the velocity
+        self._P = np.zeros((3, 6, 6))
+
+    @property
+    def is_adrift(self) -> bool:
+        """Whether the last pose may be off so far that a motion counts as not constrained."""
+        P = self._P[0]
+        if P.diagonal() @ BOUNDS**-2 < 1:
+            return False
+        return bool(np.linalg.eigvalsh(P / np.outer(BOUNDS, BOUNDS))[-1] > 1)
+
+    def settle(
+        self,
+        index: int,
+        T_key_last: NDArray[np.float64],
+        T_key_cur: NDArray[np.float64],
+        covariance: NDArray[np.float64],
+        seconds: float,
+        *,
+        follows: bool,
+    ) -> NDArray[np.float64] | None:
+        """Take a registration into account.
+
+        Parameters
+        ----------
+        index : int
+            Of the keyframe.
+        T_key_last : ndarray of float64, shape (4, 4)
+            Where the camera was at the last frame.
+        T_key_cur : ndarray of float64, shape (4, 4)
+            What was registered, and
+        covariance : ndarray of float64, shape (6, 6)
+            of that; see `Uncertainty`.
+        seconds : float
+            Since the last frame.
+        follows : bool
+            Whether the last pose is that of a moment ago; else it begins anew.
+
+        Returns
+        -------
+        ndarray of float64, shape (4, 4), or None
+            Where the camera is; None where the registration stands.
+        """
+        if not self._is_on:
+            return None
+        own = in_current_camera(covariance, T_key_cur)
+        if not follows or self._index is None:
+            self._index, self.velocity = index, np.zeros(6)
+            self._P[0], self._P[1], self._P[2] = own, 0, np.diag(UNKNOWN**2)
+            return None
+        if index != self._index:  # the last frame is the keyframe, and where it is, by definition
+            self._index = index
+            self._P[:2] = 0
+        T_key_ahead = T_key_last @ se3.exp(self.velocity * seconds)
+        off, step = se3.log(se3.inverse(T_key_ahead) @ T_key_cur), np.empty(6)
+        if not kernels.filter_pose(self._P, own, HAND**2, seconds, off, self.velocity, step):
+            self._index = None
+            return None
+        if own.diagonal() @ BOUNDS**-2 < LOOSE**2:  # as then is each eigenvalue
+            return None
+        if np.linalg.eigvalsh(own / np.outer(BOUNDS, BOUNDS))[-1] < LOOSE**2:
+            return None
+        T: NDArray[np.float64] = T_key_ahead @ se3.exp(step)
+        return T
