@@ -63,7 +63,7 @@ class Locator:
             starts = self.starts(seen)
             term = self._shared.term(self._fitter.term, course.period(timestamp))
             alignment = self._register(seen, starts, term, far=far)
-        is_off = self._is_off_planes if far else self._judge.is_off
+        is_off = self._is_off_planes if far else self._judge.may_be_off
         if is_off(alignment):
             with self._clock("search"):
                 again = self._on_planes(seen, term, alignment, far=far)

@@ -376,11 +376,8 @@ class Odometry:
             self._judge.note(alignment)
             self._front_end.note(registered, alignment)
             self._shared.note(key.edges.edges, alignment, period, *compared)
-            if held is None:
-                with self._clock("registration"):
-                    self._instants.note(key, registered, alignment, period)
-            else:
-                self._instants.interrupt()
+            with self._clock("registration"):
+                self._instants.note(key, registered, alignment, period)
             course.note_tracked(period)
         else:
             self._shared.interrupt()

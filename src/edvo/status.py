@@ -138,6 +138,20 @@ class Judge:
         """
         return alignment.sigma_depth > self._tolerated
 
+    def may_be_off(self, alignment: Alignment) -> bool:
+        """Whether depth is off the keyframe's, by what is known of late, or may be, if nothing is.
+
+        Parameters
+        ----------
+        alignment : Alignment
+
+        Returns
+        -------
+        bool
+        """
+        limit = MILD_SIGMA if math.isinf(self._usual) else self._tolerated
+        return alignment.sigma_depth > limit
+
     @property
     def _tolerated(self) -> float:
         """The largest sigma_depth that raises no doubt."""
