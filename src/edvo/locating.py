@@ -77,13 +77,14 @@ class Locator:
         if not self._config.motion.search_deg:
             return alignment, status, reason
         unsure = status is not Status.TRACKED or self._judge.scatter.fits_less(alignment)
-        if not far and not unsure and not self._leaves_out(seen, alignment):
+        new = not self._judge.scatter.is_known
+        if not far and not unsure and not new and not self._leaves_out(seen, alignment):
             return alignment, status, reason
         with self._clock("search"):
             if not far and self._begins_narrow:
                 alignment = self._widely(seen, starts, term, alignment)
                 status, reason = self.assess(alignment, timestamp)
-            if status is not Status.TRACKED:
+            if status is not Status.TRACKED or new:
                 other = self._search.around(key, course.T_key_last, seen, alignment)
                 alignment = self._better(alignment, other, timestamp)
                 status, reason = self.assess(alignment, timestamp)
@@ -170,9 +171,15 @@ class Locator:
         return self._instants.lag(seen, course.T_key_last, course.period(timestamp))
 
     def _better(self, found: Alignment, other: Alignment, timestamp: float) -> Alignment:
-        """Of two that fit: what is not lost, else whose depth is not off, else the clearer."""
+        """Of two that fit: what is not lost, else whose depth is not off, else the clearer.
+
+        What is tracked is only left for what is tracked, too, and clearly sharper.
+        """
         if other is found:
             return found
+        if self.assess(found, timestamp)[0] is Status.TRACKED:
+            is_tracked = self.assess(other, timestamp)[0] is Status.TRACKED
+            return other if is_tracked and is_sharper(other, found) else found
         lost = [self._is_lost(each, timestamp) for each in (found, other)]
         off = [self._judge.is_off(each) for each in (found, other)]
         for fails, other_fails in (lost, off):
@@ -219,15 +226,10 @@ class Locator:
         """Register from the same starts so that edges count which are pixels off; take the better.
 
         Where most edges run along a motion they fit from the start, wherever along it that is, and
-        the few across it, being off by more than these scatter, count as wrong matches. What is
-        tracked is only left for what is tracked, too, and clearly sharper.
+        the few across it, being off by more than these scatter, count as wrong matches.
         """
-        timestamp = seen.frame.timestamp
         wide = self._register(seen, starts, term, first_sigma_px=WIDE_PX)
-        found_is, wide_is = (self.assess(each, timestamp)[0] for each in (found, wide))
-        if found_is is not Status.TRACKED:
-            return self._better(found, wide, timestamp)
-        return wide if wide_is is Status.TRACKED and is_sharper(wide, found) else found
+        return self._better(found, wide, seen.frame.timestamp)
 
     def _sharpest(
         self, seen: Seen, starts: NDArray[np.float64], term: DepthTerm, found: Alignment

@@ -48,6 +48,11 @@ class Scatter:
         self._usual_fit = 0.0  # how many of the samples fitted, as a share
 
     @property
+    def is_known(self) -> bool:
+        """Whether there was a registration to be trusted, that others can be held against."""
+        return math.isfinite(self._usual_px)
+
+    @property
     def sharp_px(self) -> float:
         """Scale of the residuals, px, that is hardly exceeded; infinite while none is known."""
         return SHARP * self._usual_px
