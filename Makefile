@@ -23,7 +23,8 @@ demo: $(VENV)/.with-base
 	$(BIN)/edvo demo
 
 test: $(VENV)/.with-test
-	$(BIN)/python -m pytest -m "not slow" -n auto --dist loadfile
+	$(BIN)/python -m pytest -m "not slow" -n auto --dist loadfile \
+		--no-loadscope-reorder
 
 test-slow: $(VENV)/.with-test
 	$(BIN)/python -m pytest -m slow

@@ -75,14 +75,11 @@ def test_where_a_third_of_the_view_moves_the_rest_is_followed(small_hall: Synthe
     world = small_hall._renderer.world
     walking = np.unique(world.at(0.0).thing[world._walker >= 0])
     assert np.isin(view, walking).mean() == pytest.approx(1 / 3, abs=0.1)
-    away, statuses = errors(small_hall, indices, "status.min_told=0")
-    assert away[2] > 0.02  # the pose goes along before it is noticed, and comes back
+    away, statuses = errors(small_hall, indices)
+    assert away[:6].max() > 0.01  # the pose goes along before it is noticed, and comes back
     assert away[6:].max() < 0.01
-    assert set(statuses[6:]) == {Status.DEGRADED}
-    before, now = away, errors(small_hall, indices)
-    assert now[0][:6].max() < 0.5 * before[:6].max()  # what edges would tell is missed at once
-    assert now[0][6:].max() < 0.01
-    assert set(now[1][1:]) == {Status.DEGRADED}
+    assert set(statuses[1:]) == {Status.DEGRADED}  # the edges of the walls are missed at once
+    assert errors(small_hall, range(240, 243), "status.min_told=0")[1][1] is Status.TRACKED
     assert errors(small_hall, indices, *FOLLOW, *LONG)[0][6:].max() > 0.02
 
 

@@ -1018,3 +1018,20 @@ def row_equations(
     row = pixels[kept, 1].astype(np.float64) / camera.height - 0.5
     H_row, H_rows = (J.T @ ((w * row**k)[:, None] * J) for k in (1, 2))
     return H_row, H_rows, J.T @ (w * row * r)
+
+
+def filter_pose(P, C, acceleration, seconds, off, velocity):
+    """A Kalman filter of pose and velocity; P (12, 12). Gives P, the velocity, and the step."""
+    one, none = np.eye(6), np.zeros((6, 6))
+    F = np.block([[one, seconds * one], [none, one]])
+    push = np.vstack((seconds**2 / 2 * one, seconds * one))
+    P = F @ P @ F.T + push @ np.diag(acceleration) @ push.T
+    gain = P[:, :6] @ np.linalg.inv(P[:6, :6] + C)
+    step = gain @ off
+    return P - gain @ P[:6], velocity + step[6:], step[:6]
+
+
+def left_out(seen, camera, residuals, trust, weight, sigma):
+    """What robust weights leave out of the curvature, J^T (1 - W) J."""
+    J = trust[:, None] * jacobian(seen, camera)
+    return (J * (1 - weight(trust * residuals / sigma))[:, None]).T @ J

@@ -2,15 +2,18 @@
 
 Not in the paper. Where only edges of one direction are in view, a registration leaves the camera
 anywhere along them, and what it finds there, taken for its velocity, leads the next frame farther
-astray. So a Kalman filter of constant velocity stands by, and where a registration is so much less
-sure than a hand is steady, says where the camera is: along each motion by as much as it is surer.
+astray. So a Kalman filter stands by, of a velocity that fades; where a registration is less sure
+than a hand is steady, it says where the camera is, along each motion by as much as it is surer.
 """
+
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
 from edvo import kernels, se3
 from edvo.config import Config
+from edvo.course import FADING_S
 from edvo.uncertainty import BOUNDS, in_current_camera
 
 HAND = np.array([3.0] * 3 + [6.0] * 3)  # how a hand accelerates, m/s^2 and rad/s^2 (one sigma)
@@ -29,7 +32,7 @@ class Inertia:
     Attributes
     ----------
     velocity : ndarray of float64, shape (6,)
-        Of the camera, [v, w] in its own frame, 1/s.
+        That it is expected to go on with, [v, w] in its own frame, 1/s.
     """
 
     def __init__(self, config: Config) -> None:
@@ -94,6 +97,7 @@ class Inertia:
         if not kernels.filter_pose(self._P, own, HAND**2, seconds, off, self.velocity, step):
             self._index = None
             return None
+        self.velocity *= math.exp(-seconds / FADING_S)  # as a hand does, which turns back
         if own.diagonal() @ BOUNDS**-2 < LOOSE**2:  # as then is each eigenvalue
             return None
         if np.linalg.eigvalsh(own / np.outer(BOUNDS, BOUNDS))[-1] < LOOSE**2:
