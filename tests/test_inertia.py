@@ -106,14 +106,27 @@ def test_its_velocity_fades_and_the_pose_is_adrift_after_a_while():
     assert not inertia.is_adrift
 
 
-def test_a_frame_that_is_the_keyframe_is_where_it_is():
+def test_a_frame_that_is_the_keyframe_is_where_it_is_but_for_how_it_came_there():
     inertia, T = moving(30)
     for _ in range(20):
         T = inertia.settle(0, T, T, loose(1), PERIOD, follows=True)
     assert inertia.is_adrift
-    T = inertia.settle(20, np.eye(4), np.eye(4), loose(1), PERIOD, follows=True)
-    assert T is not None
+    sd = 2.0 / np.sqrt(2) * DEGENERATE_M  # by the last keyframe's 20 frames it would be left out
+    T = inertia.settle(20, np.eye(4), np.eye(4), loose(1, sd), PERIOD, follows=True)
+    assert np.linalg.norm(T[:3, 3]) < 2 * PERIOD * np.linalg.norm(inertia.velocity[:3])
+    assert inertia.is_adrift  # a keyframe before it was
+    assert inertia.settle(20, T, T, SURE, PERIOD, follows=True) is None
     assert not inertia.is_adrift
+
+
+def test_what_is_weak_for_long_is_adrift_however_sure_the_filter_is():
+    inertia, T = moving(30)
+    weak = loose(1, 1.1 * DEGENERATE_M / 3)
+    said = []
+    for _ in range(8):
+        T = inertia.settle(0, T, T, weak, PERIOD, follows=True)
+        said.append(inertia.is_adrift)
+    assert said == [False] * 4 + [True] * 4
 
 
 def test_a_weak_registration_is_weighed_by_how_sure_it_is():

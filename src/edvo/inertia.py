@@ -19,6 +19,7 @@ from edvo.uncertainty import BOUNDS, in_current_camera
 HAND = np.array([3.0] * 3 + [6.0] * 3)  # how a hand accelerates, m/s^2 and rad/s^2 (one sigma)
 UNKNOWN = np.array([0.5] * 3 + [1.0] * 3)  # velocity at first, m/s and rad/s (one sigma)
 LOOSE = 1 / 3  # of what is called not constrained; a registration that is surer stands as it is
+LASTING_S = 0.15  # after so long without one that stands, what the filter is sure of is doubtful
 
 
 class Inertia:
@@ -41,14 +42,12 @@ class Inertia:
         self.velocity = np.zeros(6)
         # of the pose, of the pose with the velocity, and of the velocity
         self._P = np.zeros((3, 6, 6))
+        self._loose_s = 0.0  # since a registration stood
 
     @property
     def is_adrift(self) -> bool:
         """Whether the last pose may be off so far that a motion counts as not constrained."""
-        P = self._P[0]
-        if P.diagonal() @ BOUNDS**-2 < 1:
-            return False
-        return bool(np.linalg.eigvalsh(P / np.outer(BOUNDS, BOUNDS))[-1] > 1)
+        return self._loose_s > LASTING_S or _largest(self._P[0]) > 1
 
     def settle(
         self,
@@ -88,6 +87,7 @@ class Inertia:
         if not follows or self._index is None:
             self._index, self.velocity = index, np.zeros(6)
             self._P[0], self._P[1], self._P[2] = own, 0, np.diag(UNKNOWN**2)
+            self._loose_s = 0.0
             return None
         if index != self._index:  # the last frame is the keyframe, and where it is, by definition
             self._index = index
@@ -98,9 +98,17 @@ class Inertia:
             self._index = None
             return None
         self.velocity *= math.exp(-seconds / FADING_S)  # as a hand does, which turns back
-        if own.diagonal() @ BOUNDS**-2 < LOOSE**2:  # as then is each eigenvalue
+        if _largest(own) < LOOSE**2:
+            self._loose_s = 0.0
             return None
-        if np.linalg.eigvalsh(own / np.outer(BOUNDS, BOUNDS))[-1] < LOOSE**2:
-            return None
+        self._loose_s += seconds
         T: NDArray[np.float64] = T_key_ahead @ se3.exp(step)
         return T
+
+
+def _largest(covariance: NDArray[np.float64]) -> float:
+    """The largest variance of a motion, in units of what is called not constrained; 0 if small."""
+    most = float(covariance.diagonal() @ BOUNDS**-2)
+    if most < LOOSE**2:  # as then is each
+        return 0.0
+    return float(np.linalg.eigvalsh(covariance / np.outer(BOUNDS, BOUNDS))[-1])
