@@ -82,3 +82,21 @@ def test_it_begins_where_it_is_told_to():
     np.testing.assert_allclose(Course(start).T_world_last, start, atol=1e-12)
     with pytest.raises(TrajectoryError, match="no rigid motion"):
         Course(2 * start)
+
+
+def test_what_drifts_moves_since_a_registration_stood(course):
+    """A gap that is closed in one frame is no speed."""
+    T = course.T_key_last
+    for k in range(1, 4):
+        ahead = T @ se3.exp(0.1 * k * AHEAD)
+        course.drift(ahead, AHEAD)
+        course.last_time = 10.0 + 0.1 * k
+    np.testing.assert_array_equal(course.velocity, AHEAD)
+    T_stood_cur, seconds = course.moved(T @ se3.exp(0.5 * AHEAD), 10.4)
+    np.testing.assert_allclose(T_stood_cur, se3.exp(0.5 * AHEAD), atol=1e-12)
+    assert seconds == pytest.approx(0.4)
+    course.step(T, np.eye(4), 0.1)
+    assert course.moved(T, 10.5)[1] == pytest.approx(0.2)
+    course.drift(T, AHEAD)
+    assert course.rewind(5.0)
+    assert course.stood is None

@@ -120,20 +120,41 @@ def at_rest(apart):
     return odometry, frames
 
 
-def test_no_search_without_doubt(apart):
+def test_no_search_without_doubt_but_for_the_first_registration(apart):
+    """Nothing is known then that it could be held against."""
     camera, frames, _ = apart
     odometry = Odometry(camera)
     calls = []
-    odometry._search.around = lambda *given: calls.append(given)
-    odometry.track(frames[0])
-    assert odometry.track(shaken(frames[0], 1)).status is Status.TRACKED
-    assert not calls
+
+    def around(key, T_key_start, seen, found):
+        calls.append(found)
+        return found
+
+    odometry._search.around = around
+    for k in range(4):
+        assert odometry.track(shaken(frames[0], k)).status is Status.TRACKED
+    assert len(calls) == 1
+
+
+def test_what_is_tracked_is_only_left_for_what_is_clearly_sharper(apart, monkeypatch):
+    camera, frames, _ = apart
+    for scatter, is_left in ((0.1, True), (1.0, False), (20.0, False)):
+        odometry = Odometry(camera)
+        odometry.track(frames[0])
+        others = []
+
+        def around(key, T_key_start, seen, found, scatter=scatter, others=others):
+            others.append(replace(found, residuals=found.residuals * scatter))
+            return others[-1]
+
+        monkeypatch.setattr(odometry._search, "around", around)
+        result = odometry.track(shaken(frames[0], 1))
+        assert result.status is Status.TRACKED
+        assert (result.alignment is others[0]) == is_left
 
 
 def test_in_doubt_a_frame_is_looked_at_widely_before_it_is_searched_for(apart, monkeypatch):
-    camera, frames, _ = apart
-    odometry = Odometry(camera)
-    odometry.track(frames[0])
+    odometry, frames = at_rest(apart)
     align, wide = odometry._registration.align, []
 
     def narrow(*given, first_sigma_px=0.0, **options):
@@ -145,7 +166,7 @@ def test_in_doubt_a_frame_is_looked_at_widely_before_it_is_searched_for(apart, m
 
     monkeypatch.setattr(odometry._registration, "align", narrow)
     monkeypatch.setattr(odometry._search, "around", lambda *given: pytest.fail("searched for"))
-    result = odometry.track(shaken(frames[0], 1))
+    result = odometry.track(shaken(frames[0], 4))
     assert result.status is Status.TRACKED
     assert len(wide) == 1
     assert result.alignment is wide[0]

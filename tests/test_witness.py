@@ -121,7 +121,9 @@ def test_where_people_take_the_pose_along_it_is_not_called_tracked(crowd: Synthe
     asked = statuses(crowd, Config())
     assert Status.TRACKED not in asked[4:]
     # by the sides of edges some are doubted without being asked
-    unasked = Config().with_overrides(["status.max_conflict=0", "edges.depth_rule=window"])
+    unasked = Config().with_overrides(
+        ["status.max_conflict=0", "status.min_told=0", "edges.depth_rule=window"]
+    )
     assert set(statuses(crowd, unasked)) == {Status.TRACKED}
 
 

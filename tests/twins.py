@@ -1032,6 +1032,7 @@ def filter_pose(P, C, acceleration, seconds, off, velocity):
 
 
 def left_out(seen, camera, residuals, trust, weight, sigma):
-    """What robust weights leave out of the curvature, J^T (1 - W) J."""
+    """What robust weights leave out of the curvature, J^T (w(0) - W) J."""
     J = trust[:, None] * jacobian(seen, camera)
-    return (J * (1 - weight(trust * residuals / sigma))[:, None]).T @ J
+    left = weight(np.zeros(1)) - weight(trust * residuals / sigma)
+    return (J * left[:, None]).T @ J

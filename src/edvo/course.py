@@ -52,6 +52,9 @@ class Course:
         Whether depth alone gave the last pose.
     anchor : (float, ndarray of float64, shape (4, 4)) or None
         When and where it was last known where it is, if depth alone has let it drift since.
+    stood : (float, ndarray of float64, shape (4, 4)) or None
+        When and where the last registration was that stood, if the last pose is one that goes on
+        along what hardly anything constrains.
     """
 
     def __init__(self, T_world_cam: NDArray[np.float64] | None = None) -> None:
@@ -64,6 +67,7 @@ class Course:
         self.losses = 0
         self.is_blind = False
         self.anchor: tuple[float, NDArray[np.float64]] | None = None
+        self.stood: tuple[float, NDArray[np.float64]] | None = None
 
     @property
     def key(self) -> Keyframe:
@@ -161,17 +165,19 @@ class Course:
         -------
         (ndarray of float64, shape (4, 4), float)
         """
-        if not self.is_blind or self.anchor is None:
-            return se3.inverse(self.T_key_last) @ T_key_cur, self.period(timestamp)
         T_world_cur = self.key.T_world_key @ T_key_cur
-        return se3.inverse(self.anchor[1]) @ T_world_cur, self.unseen(timestamp)
+        if self.is_blind and self.anchor is not None:
+            return se3.inverse(self.anchor[1]) @ T_world_cur, self.unseen(timestamp)
+        period = self.period(timestamp)
+        if self.stood is not None:
+            return se3.inverse(self.stood[1]) @ T_world_cur, max(timestamp - self.stood[0], period)
+        return se3.inverse(self.T_key_last) @ T_key_cur, period
 
     def step(
         self,
         T_key_cur: NDArray[np.float64],
         T_last_cur: NDArray[np.float64],
         seconds: float,
-        velocity: NDArray[np.float64] | None = None,
     ) -> None:
         """Move on to a pose; that its time has come is noted apart.
 
@@ -182,11 +188,25 @@ class Course:
             The motion, and
         seconds : float
             that it took.
-        velocity : ndarray of float64, shape (6,), optional
-            Of the camera, where more than this motion tells it.
         """
-        self.velocity = se3.log(T_last_cur) / seconds if velocity is None else velocity
+        self.stood = None
+        self.velocity = se3.log(T_last_cur) / seconds
         self.T_key_last = T_key_cur.copy()  # whoever gets the registration may write to it
+        self.T_world_last = self.key.T_world_key @ T_key_cur
+
+    def drift(self, T_key_cur: NDArray[np.float64], velocity: NDArray[np.float64]) -> None:
+        """Move on to a pose of which a part is where the camera was bound for.
+
+        Parameters
+        ----------
+        T_key_cur : ndarray of float64, shape (4, 4)
+        velocity : ndarray of float64, shape (6,)
+            Of the camera, in its own frame, 1/s.
+        """
+        if self.stood is None and self.last_time is not None:
+            self.stood = self.last_time, self.T_world_last
+        self.velocity = velocity.copy()
+        self.T_key_last = T_key_cur
         self.T_world_last = self.key.T_world_key @ T_key_cur
 
     def note_tracked(self, seconds: float) -> None:
@@ -217,6 +237,7 @@ class Course:
         self.last_time = timestamp
         if self.anchor is not None:
             self.anchor = timestamp, self.anchor[1]
+        self.stood = None
         return True
 
 

@@ -1,8 +1,9 @@
 """Doubt: what makes a pose no better than the way that led to it, and the questions that raise it.
 
 Not in the paper. A pose may fit and be wrong. Something moves by itself, the view changes at once,
-a step is so far that it may have led elsewhere, or a camera is found again that was lost from a
-pose in doubt: what follows is held in doubt for a second, too.
+a step is so far that it may have led elsewhere, a camera is found again that was lost from a pose
+in doubt, or a keyframe is made where hardly anything tells: what follows is held in doubt for a
+second, too.
 """
 
 import math
@@ -21,7 +22,7 @@ from edvo.witness import Surface, Witness
 DOUBTFUL_S = 1.0  # after what raises doubt, a pose is no better than the way that led to it
 MOVED, ASTRAY = "something moved less than a second ago", "found again, lost from a doubtful pose"
 STEPPED = "a far step less than a second ago"
-LOOSE = "hardly constrained less than a second ago"
+WAS_LOOSE = "hardly constrained less than a second ago"
 # Motion alone does not change a view so much in so short a time: light does, or a hand that comes.
 JUST_NOW_S = 0.1
 CHANGED = "less than a second ago the view had changed at once"
@@ -51,6 +52,7 @@ class Doubt:
         self._course = course
         self._witness = Witness(kit.camera, kit.config.planes.sensor)
         self._time, self.reason = -math.inf, MOVED
+        self._loose_time = -math.inf  # when a keyframe was made of a pose that may be off
         self.moving_time = -math.inf
         self.is_sure = True
         # When a pose last was, and by which keyframe where.
@@ -81,9 +83,33 @@ class Doubt:
         """
         return 0 <= timestamp - self._time < DOUBTFUL_S
 
+    def cast_on_way(self, timestamp: float) -> None:
+        """Cast doubt on the way to what follows, which by itself is as good as any.
+
+        Parameters
+        ----------
+        timestamp : float
+            Seconds.
+        """
+        self._loose_time = timestamp
+
+    def is_way_loose(self, timestamp: float) -> bool:
+        """Whether the way here is in doubt.
+
+        Parameters
+        ----------
+        timestamp : float
+            Seconds.
+
+        Returns
+        -------
+        bool
+        """
+        return 0 <= timestamp - self._loose_time < DOUBTFUL_S
+
     def calm(self) -> None:
         """Let nothing be in doubt, by what was seen till now."""
-        self._time = self.moving_time = -math.inf
+        self._time = self.moving_time = self._loose_time = -math.inf
 
     def forget(self) -> None:
         """Drop what was seen on the way here."""

@@ -43,7 +43,7 @@ class Evidence:
         """Find the motions of which less than the least share counts.
 
         With :math:`H = J^T W J` the curvature of the registration, depth included, and :math:`R =
-        J^T (1 - W) J` that of what robust weights leave out, these are the eigenvectors of the
+        J^T (w(0) - W) J` that of what robust weights leave out, these are the eigenvectors of the
         pencil :math:`(H, H + R)` whose eigenvalue is below that share. What tells of a motion to no
         better than 5 cm or 2 degrees counts as if it were told.
 
@@ -64,7 +64,7 @@ class Evidence:
             return NONE
         sigma = alignment.sigma_px
         left, told = np.empty((6, 6)), alignment.H + np.diag(sigma * sigma * _ENOUGH)
-        if kernels.is_told(
+        if not np.isfinite(told).all() or kernels.is_told(
             samples.points(self._camera),
             reference.gradients,
             alignment.matches,

@@ -17,9 +17,12 @@ from edvo.course import FADING_S
 from edvo.uncertainty import BOUNDS, in_current_camera
 
 HAND = np.array([3.0] * 3 + [6.0] * 3)  # how a hand accelerates, m/s^2 and rad/s^2 (one sigma)
+PRIOR_ALONE = 100.0  # times the variance that is called not constrained: 0.3 m or 12 degrees
+NOTHING = 1e4  # the same, of what no registration has told
 UNKNOWN = np.array([0.5] * 3 + [1.0] * 3)  # velocity at first, m/s and rad/s (one sigma)
 LOOSE = 1 / 3  # of what is called not constrained; a registration that is surer stands as it is
 LASTING_S = 0.15  # after so long without one that stands, what the filter is sure of is doubtful
+_HAND, _PER_BOUNDS = HAND**2, 1 / np.outer(BOUNDS, BOUNDS)
 
 
 class Inertia:
@@ -37,7 +40,11 @@ class Inertia:
     """
 
     def __init__(self, config: Config) -> None:
-        self._is_on = config.motion.inertia == "loose"
+        self._is_on = config.motion.inertia == "loose" and config.status.covariance != "none"
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin anew with the next registration."""
         self._index: int | None = None  # of the keyframe
         self.velocity = np.zeros(6)
         # of the pose, of the pose with the velocity, and of the velocity
@@ -85,20 +92,26 @@ class Inertia:
             return None
         own = in_current_camera(covariance, T_key_cur)
         if not follows or self._index is None:
-            self._index, self.velocity = index, np.zeros(6)
-            self._P[0], self._P[1], self._P[2] = own, 0, np.diag(UNKNOWN**2)
-            self._loose_s = 0.0
+            self.forget()
+            self._index = index
+            self._P[0], self._P[2] = own, np.diag(UNKNOWN**2)
             return None
         if index != self._index:  # the last frame is the keyframe, and where it is, by definition
             self._index = index
             self._P[:2] = 0
-        T_key_ahead = T_key_last @ se3.exp(self.velocity * seconds)
+        largest = _largest(own)
+        if largest > PRIOR_ALONE:
+            own = _without_prior(own)
+        ahead = self.velocity * seconds
+        T_key_ahead = T_key_last @ se3.exp(ahead)
+        carry = se3.adjoint(se3.exp(-ahead))  # what the pose is off by, to the camera as it moves
+        self._P[0], self._P[1] = carry @ self._P[0] @ carry.T, carry @ self._P[1]
         off, step = se3.log(se3.inverse(T_key_ahead) @ T_key_cur), np.empty(6)
-        if not kernels.filter_pose(self._P, own, HAND**2, seconds, off, self.velocity, step):
-            self._index = None
+        if not kernels.filter_pose(self._P, own, _HAND, seconds, off, self.velocity, step):
+            self.forget()
             return None
         self.velocity *= math.exp(-seconds / FADING_S)  # as a hand does, which turns back
-        if _largest(own) < LOOSE**2:
+        if largest < LOOSE**2:
             self._loose_s = 0.0
             return None
         self._loose_s += seconds
@@ -111,4 +124,12 @@ def _largest(covariance: NDArray[np.float64]) -> float:
     most = float(covariance.diagonal() @ BOUNDS**-2)
     if most < LOOSE**2:  # as then is each
         return 0.0
-    return float(np.linalg.eigvalsh(covariance / np.outer(BOUNDS, BOUNDS))[-1])
+    return float(np.linalg.eigvalsh(covariance * _PER_BOUNDS)[-1])
+
+
+def _without_prior(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Take what the prior alone says of a motion for nothing: it would pull where nothing tells."""
+    values, ways = np.linalg.eigh(covariance * _PER_BOUNDS)
+    loose = ways[:, values > PRIOR_ALONE] * BOUNDS[:, None]
+    wide: NDArray[np.float64] = covariance + NOTHING * loose @ loose.T
+    return wide

@@ -4521,7 +4521,7 @@ def is_told(
     times: float,
     left: F64,
 ) -> bool:
-    """Write what robust weights leave out of the curvature, J^T (1 - W) J, px^2.
+    """Write what robust weights leave out of the curvature, J^T (w(0) - W) J, px^2.
 
     ``points`` (N, 3) are those of the samples, ``gradients`` (M, 2) those of the reference; the
     others are as `align` gives them. Returns whether that is less than ``told`` so many ``times``,
@@ -4529,7 +4529,7 @@ def is_told(
     """
     J, rest = np.empty(6), np.empty((6, 6))
     inverse = 1 / (sigma * sigma)
-    per_most = 1 / robust_weight(0.0, solver.weight, solver.tuning)
+    most = robust_weight(0.0, solver.weight, solver.tuning)
     left[:] = 0
     for i in range(matches.size):
         k = matches[i]
@@ -4542,7 +4542,7 @@ def is_told(
         if pz < MIN_DEPTH:
             continue
         r = trust[i] * residuals[i]
-        share = 1 - per_most * robust_weight(r * r * inverse, solver.weight, solver.tuning)
+        share = most - robust_weight(r * r * inverse, solver.weight, solver.tuning)
         per_z = trust[i] / pz
         au, av = gradients[k, 0] * camera.fx * per_z, gradients[k, 1] * camera.fy * per_z
         write_row(au, av, -(au * px + av * py) / pz, px, py, pz, J)

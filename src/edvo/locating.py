@@ -78,7 +78,8 @@ class Locator:
             return alignment, status, reason
         unsure = status is not Status.TRACKED or self._judge.scatter.fits_less(alignment)
         new = not self._judge.scatter.is_known
-        if not far and not unsure and not new and not self._leaves_out(seen, alignment):
+        wanted = unsure or new or self._leaves_out(seen, alignment)
+        if not far and not wanted:
             return alignment, status, reason
         with self._clock("search"):
             if not far and self._begins_narrow:
@@ -189,6 +190,8 @@ class Locator:
 
     def _leaves_out(self, seen: Seen, alignment: Alignment) -> bool:
         """Whether a motion that edges could tell is one that hardly any of them does."""
+        if not self._begins_narrow:  # then there is no wider scale to begin with
+            return False
         edges = self._course.key.edges_for(near=seen.is_near).edges
         return len(self._evidence.untold(edges, seen.samples, alignment)) > 0
 

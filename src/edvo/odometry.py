@@ -5,7 +5,6 @@ import logging
 import numpy as np
 from numpy.typing import NDArray
 
-from edvo import se3
 from edvo.background import Still
 from edvo.blind import Blind
 from edvo.camera import Camera
@@ -20,7 +19,7 @@ from edvo.course import (
 )
 from edvo.depth_alone import DepthAlone
 from edvo.detail import Detail, usual_detail, worthwhile_detail
-from edvo.doubt import ASTRAY, LOOSE, Doubt
+from edvo.doubt import ASTRAY, WAS_LOOSE, Doubt
 from edvo.errors import FrameError
 from edvo.frame import Frame
 from edvo.freeze import FREEZE_S, Freeze
@@ -229,6 +228,7 @@ class Odometry:
             self._doubt.mind_change(alignment, frame.timestamp)
         joined = self._recovery.join(seen, alignment) if self._pieces.here else None
         if joined is not None:
+            self._inertia.forget()
             return self._accept(seen, joined, Status.DEGRADED, ASTRAY)
         return self._accept(seen, alignment, status, reason, still)
 
@@ -283,6 +283,7 @@ class Odometry:
         wanted = self._recovery.is_expected_nowhere(timestamp)
         if wanted and self._recovery.begin_anew(seen, index):
             logger.info("frame %d: begun anew", index)
+            self._inertia.forget()
             return self._record.keep(
                 timestamp, Status.DEGRADED, ANEW, np.eye(4), -1, is_keyframe=True, seen=seen
             )
@@ -295,6 +296,7 @@ class Odometry:
             self._recovery.rewind(timestamp)
             self._standing.forget()
             self._instants.interrupt()
+            self._inertia.forget()
 
     def _hold(self, timestamp: float) -> TrackedFrame:
         """Stay at the last pose while an image repeats, but not for long: the camera may move."""
@@ -345,7 +347,8 @@ class Odometry:
         registered = seen if still is None else still.seen
         key, T_key_cur = course.key, alignment.T_ref_cur
         compared = key.planes, registered.points, self._fitter.term
-        T_last_cur, period = course.moved(T_key_cur, timestamp)
+        T_last_cur, seconds = course.moved(T_key_cur, timestamp)
+        period = seconds if course.is_blind else course.period(timestamp)
         follows = course.follows(timestamp) and not is_found
         covariance, held = None, None
         if self.config.status.covariance != "none" or course.anchor is not None:
@@ -361,18 +364,20 @@ class Odometry:
                     period,
                     follows=follows and not course.is_blind,
                 )
-        if held is None:
-            course.step(T_key_cur, T_last_cur, period)
+        if held is not None:
+            course.drift(held, self._inertia.velocity)
         else:
-            T_last_cur = se3.inverse(course.T_key_last) @ held
-            course.step(held, T_last_cur, period, self._inertia.velocity.copy())
+            closes = follows and course.stood is not None  # a gap, by a step that is no speed
+            course.step(T_key_cur, T_last_cur, seconds)
+            if closes:
+                course.velocity = self._inertia.velocity.copy()
         course.is_blind = False
         self._recovery.note()
         if status is Status.TRACKED and doubt.lasts(timestamp):
             status, reason = Status.DEGRADED, doubt.reason
         doubt.is_sure = status is Status.TRACKED
         if doubt.is_sure:
-            doubt.note_sure(timestamp, T_key_cur)
+            doubt.note_sure(timestamp, course.T_key_last)
             self._judge.note(alignment)
             self._front_end.note(registered, alignment)
             self._shared.note(key.edges.edges, alignment, period, *compared)
@@ -397,6 +402,8 @@ class Odometry:
                 status, reason = Status.DEGRADED, f"not constrained: {', '.join(degenerate)}"
             elif doubt.lasts(timestamp):
                 status, reason = Status.DEGRADED, doubt.reason
+            elif doubt.is_way_loose(timestamp):
+                status, reason = Status.DEGRADED, WAS_LOOSE
             elif self._pieces.here:
                 status, reason = Status.DEGRADED, ANEW
         share = alignment.inliers / len(registered.samples)
@@ -413,7 +420,7 @@ class Odometry:
             is_tracked=status is Status.TRACKED,
         )
         if is_keyframe and self._inertia.is_adrift:
-            doubt.cast(timestamp, LOOSE)
+            doubt.cast_on_way(timestamp)
         return self._record.keep(
             timestamp,
             status,

@@ -241,6 +241,7 @@ class Recovery:
 
     def _forget_the_way(self) -> None:
         """Drop what was seen on the way here: from poses that are doubtful by now, or of a hand."""
+        self._course.stood = None
         self._doubt.forget()
         self._standing.forget()
         self._upkeep.forget_good()

@@ -35,8 +35,9 @@ class TrackedFrame:
         where the status is ``LOST``.
     T_key_cur : ndarray of float64, shape (4, 4)
         Maps points from the camera to that of the keyframe it was registered with. Where the frame
-        becomes a keyframe itself, and is placed by an earlier one, too (``keyframes.window``), it
-        is what follows from that, and no longer the ``alignment``'s alone.
+        becomes a keyframe itself, and is placed by an earlier one, too (``keyframes.window``), or
+        where hardly anything constrains it (``motion.inertia``), it is what follows from that, and
+        no longer the ``alignment``'s alone.
     keyframe : int
         Index of that keyframe; -1 where there is none yet.
     is_keyframe : bool
@@ -51,9 +52,10 @@ class TrackedFrame:
         next frame comes: copy what you want to write to.
     covariance : ndarray of float64, shape (6, 6), or None
         Of ``T_key_cur``: of the twist [v, w] (metres, radians) in the keyframe's camera with
-        T_true = exp([v, w]) T_key_cur. Not calibrated for frames where something moves. None
-        where there was no registration or it failed, and where ``status.covariance`` is ``none``,
-        as in the preset ``paper``, unless depth alone carries the frame or has let it drift.
+        T_true = exp([v, w]) T_key_cur, as the registration alone tells it. Not calibrated for
+        frames where something moves. None where there was no registration or it failed, and where
+        ``status.covariance`` is ``none``, as in the preset ``paper``, unless depth alone carries
+        the frame or has let it drift.
     degenerate : tuple of str
         Motions in the keyframe's camera that neither edges nor depth noticed; the frame is then
         at best ``DEGRADED``. Along them a frame without edges is only predicted, and they are

@@ -137,7 +137,7 @@ class Uncertainty:
         -------
         ndarray of float64, shape (6, 6)
             See `combine`. What edges could tell, but those that do are left out, is not known,
-            either.
+            either, and has 1 m or 1 rad more.
         """
         H, blur, parts = self.parts(reference, samples, planes, points, term, alignment)
         sigma, C = _scale(alignment), np.empty((6, 6))
