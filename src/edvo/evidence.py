@@ -36,6 +36,7 @@ class Evidence:
     def __init__(self, camera: Camera, solver: kernels.Solver, least: float) -> None:
         self._camera, self._pinhole = camera, camera_of(camera)
         self._solver, self._least = solver, least
+        self._last: tuple[Alignment | None, NDArray[np.float64]] = None, NONE
 
     def untold(
         self, reference: EdgePixels, samples: EdgePixels, alignment: Alignment
@@ -62,6 +63,13 @@ class Evidence:
         """
         if not self._least or not alignment.sigma_px or alignment.reason in FAILURES:
             return NONE
+        if self._last[0] is not alignment:  # a frame's is asked about where it is judged, and after
+            self._last = alignment, self._untold(reference, samples, alignment)
+        return self._last[1]
+
+    def _untold(
+        self, reference: EdgePixels, samples: EdgePixels, alignment: Alignment
+    ) -> NDArray[np.float64]:
         sigma = alignment.sigma_px
         left, told = np.empty((6, 6)), alignment.H + np.diag(sigma * sigma * _ENOUGH)
         if not np.isfinite(told).all() or kernels.is_told(

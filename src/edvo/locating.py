@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from edvo import kernels, se3
 from edvo.course import Course
 from edvo.doubt import STEPPED, Doubt
-from edvo.evidence import Evidence
 from edvo.kit import Kit
 from edvo.planes import DepthTerm, thinned
 from edvo.registration import AT_ONCE, Alignment
@@ -39,8 +38,7 @@ class Locator:
         self._registration, self._fitter = kit.registration, kit.fitter
         self._depth_alone, self._search, self._judge = kit.depth_alone, kit.search, kit.judge
         self._shared, self._instants = kit.shared, kit.instants
-        solver, least = kit.registration.solver, kit.config.status.min_told
-        self._evidence = Evidence(kit.camera, solver, least)
+        self._evidence = kit.uncertainty.evidence
         two_stages = kit.config.matching.criterion == "robust-then-normal"
         self._begins_narrow = two_stages and kit.config.registration.first_sigma_px < WIDE_PX
         self._course, self._doubt = course, doubt

@@ -57,6 +57,11 @@ class Uncertainty:
         Its sections registration, planes and status.
     solver : kernels.Solver
         Of the registration that the alignments come from.
+
+    Attributes
+    ----------
+    evidence : Evidence
+        Tells what edges could tell, and none does that counts.
     """
 
     def __init__(self, camera: Camera, config: Config, solver: kernels.Solver) -> None:
@@ -64,7 +69,7 @@ class Uncertainty:
         self._pinhole = camera_of(camera)
         self._solver = solver
         self._noise = DEPTH_NOISE[config.planes.sensor]
-        self._evidence = Evidence(camera, solver, config.status.min_told)
+        self.evidence = Evidence(camera, solver, config.status.min_told)
 
     def parts(
         self,
@@ -143,7 +148,7 @@ class Uncertainty:
         sigma, C = _scale(alignment), np.empty((6, 6))
         if not kernels.combine_parts(H, blur, parts, DOUBT, _SHARES, sigma**4, PRIOR, C):
             C = combine(without_blur(H, blur), parts, sigma)
-        untold = self._evidence.untold(reference.edges, samples, alignment)
+        untold = self.evidence.untold(reference.edges, samples, alignment)
         return C + untold.T @ untold if len(untold) else C
 
 
