@@ -174,10 +174,7 @@ class Course:
         return se3.inverse(self.T_key_last) @ T_key_cur, period
 
     def step(
-        self,
-        T_key_cur: NDArray[np.float64],
-        T_last_cur: NDArray[np.float64],
-        seconds: float,
+        self, T_key_cur: NDArray[np.float64], T_last_cur: NDArray[np.float64], seconds: float
     ) -> None:
         """Move on to a pose; that its time has come is noted apart.
 

@@ -70,6 +70,7 @@ class Evidence:
     def _untold(
         self, reference: EdgePixels, samples: EdgePixels, alignment: Alignment
     ) -> NDArray[np.float64]:
+        """Find these motions of a registration that was not asked about yet."""
         sigma = alignment.sigma_px
         left, told = np.empty((6, 6)), alignment.H + np.diag(sigma * sigma * _ENOUGH)
         if not np.isfinite(told).all() or kernels.is_told(

@@ -29,7 +29,7 @@ from edvo.instants import Instants
 from edvo.kit import Kit
 from edvo.locating import Locator
 from edvo.pieces import Pieces
-from edvo.planes import PlaneFitter
+from edvo.planes import DepthTerm, PlaneFitter, PlaneMap, PlanePoints
 from edvo.recovery import Recovery
 from edvo.registration import Alignment, Registration
 from edvo.search import Search, Seen
@@ -350,27 +350,8 @@ class Odometry:
         T_last_cur, seconds = course.moved(T_key_cur, timestamp)
         period = seconds if course.is_blind else course.period(timestamp)
         follows = course.follows(timestamp) and not is_found
-        covariance, held = None, None
-        if self.config.status.covariance != "none" or course.anchor is not None:
-            with self._clock("uncertainty"):
-                covariance = self._uncertainty.covariance(
-                    key.edges, registered.samples, *compared, alignment
-                )
-                held = self._inertia.settle(
-                    key.index,
-                    course.T_key_last,
-                    T_key_cur,
-                    covariance,
-                    period,
-                    follows=follows and not course.is_blind,
-                )
-        if held is not None:
-            course.drift(held, self._inertia.velocity)
-        else:
-            closes = follows and course.stood is not None  # a gap, by a step that is no speed
-            course.step(T_key_cur, T_last_cur, seconds)
-            if closes:
-                course.velocity = self._inertia.velocity.copy()
+        covariance = self._covariance(registered, alignment, compared)
+        self._move(alignment, covariance, T_last_cur, seconds, period, follows=follows)
         course.is_blind = False
         self._recovery.note()
         if status is Status.TRACKED and doubt.lasts(timestamp):
@@ -433,6 +414,50 @@ class Odometry:
             covariance=covariance,
             degenerate=degenerate,
         )
+
+    def _covariance(
+        self,
+        seen: Seen,
+        alignment: Alignment,
+        compared: tuple[PlaneMap, PlanePoints, DepthTerm],
+    ) -> NDArray[np.float64] | None:
+        """How far a registration may be off, where that is asked for."""
+        if self.config.status.covariance == "none" and self._course.anchor is None:
+            return None
+        with self._clock("uncertainty"):
+            return self._uncertainty.covariance(
+                self._course.key.edges, seen.samples, *compared, alignment
+            )
+
+    def _move(
+        self,
+        alignment: Alignment,
+        covariance: NDArray[np.float64] | None,
+        T_last_cur: NDArray[np.float64],
+        seconds: float,
+        period: float,
+        *,
+        follows: bool,
+    ) -> None:
+        """Move on to the pose found, or where hardly anything constrains it, as it was going."""
+        course, inertia, held = self._course, self._inertia, None
+        if covariance is not None:
+            with self._clock("uncertainty"):
+                held = inertia.settle(
+                    course.key.index,
+                    course.T_key_last,
+                    alignment.T_ref_cur,
+                    covariance,
+                    period,
+                    follows=follows and not course.is_blind,
+                )
+        if held is not None:
+            course.drift(held, inertia.velocity)
+            return
+        closes = follows and course.stood is not None  # a gap, by a step that is no speed
+        course.step(alignment.T_ref_cur, T_last_cur, seconds)
+        if closes:
+            course.velocity = inertia.velocity.copy()
 
     def _lose_sight(self, seen: Seen, reason: str, alignment: Alignment | None) -> TrackedFrame:
         """Lose a frame whose edges are known."""
