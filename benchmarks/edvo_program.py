@@ -1,5 +1,6 @@
 """Running the command `edvo` as a shell does."""
 
+import os
 import subprocess
 import sys
 import time
@@ -13,10 +14,14 @@ from edvo.synthesis.sequence import SyntheticSource, write_sequence
 
 
 def edvo(*arguments: str | Path) -> float:
-    """Run it and give the wall seconds of the whole process."""
+    """Run it and give the wall seconds of the whole process.
+
+    Python keeps its bytecode, as that of an installed package is, whatever is asked of this one.
+    """
     program = Path(sys.executable).with_name("edvo")
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
     begin = time.perf_counter()
-    subprocess.run([program, *arguments], check=True, capture_output=True)
+    subprocess.run([program, *arguments], check=True, capture_output=True, env=environment)
     return time.perf_counter() - begin
 
 

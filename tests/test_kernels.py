@@ -979,7 +979,7 @@ def test_surround(rng, shape, step, reach):
 
 @pytest.mark.parametrize(("shape", "every"), [((120, 160), 4), ((7, 9), 3), ((1, 1), 1)])
 def test_place_points(rng, shape, every):
-    kept = rng.uniform(0.3, 8.0, shape).astype(np.float32)
+    kept = (2.0 + rng.exponential(0.1, shape)).astype(np.float32)
     kept[rng.random(shape) < 0.4] = 0
     rays = rng.normal(size=(kept[every // 2 :: every, every // 2 :: every].size, 3))
     points = np.empty_like(rays)
@@ -988,7 +988,8 @@ def test_place_points(rng, shape, every):
         lambda: kernels.place_points(kept, every, rays, points),
         lambda: twins.place_points(kept, every, rays),
     )
-    np.testing.assert_array_equal(points[:count], expected)
+    np.testing.assert_allclose(points[:count], expected, rtol=1e-12)
+    assert min(shape) < 100 or 0.3 < count / len(rays) < 0.6  # some have no depth, some none beside
 
 
 @pytest.mark.parametrize("camera", [PLAIN, BENT])

@@ -615,20 +615,51 @@ def sum_ahead(image, side):
     return np.lib.stride_tricks.sliding_window_view(image, (side, side)).sum(axis=(2, 3))
 
 
+def quiet_roughness(grey, step, share):
+    """Quantiles of how rough pixels and sums of 2 x 2 pixels are, as if each had its whole bin."""
+    weights = np.outer([1, -2, 1], [1, -2, 1])
+    windows = np.lib.stride_tricks.sliding_window_view(grey.astype(int), (6, 6))[::step, ::step]
+    sums = windows.reshape(*windows.shape[:2], 3, 2, 3, 2).sum(axis=(3, 5))
+    asked = ((sums > 0) & (sums < 4 * 255)).all(axis=(2, 3))
+    found = []
+    for each in (windows[..., 2:5, 2:5], sums):
+        rough = np.minimum(np.abs((each * weights).sum(axis=(2, 3)))[asked], kernels.MOST_ROUGH)
+        ends = np.concatenate(([0], np.bincount(rough).cumsum()))
+        found.append(max(np.interp(share * len(rough), ends, np.arange(len(ends)) - 0.5), 0.0))
+    return tuple(found)
+
+
+def mean_steps(grey, apart, largest):
+    """Mean steps between blocks of 8 x 8 pixels, and in the middle of those before them."""
+    between, amid = [], []
+    for image in (grey.astype(int), grey.astype(int).T):
+        steps = np.minimum(np.abs(np.diff(image[apart // 2 :: apart], axis=1)), largest)
+        between.append(steps[:, 7::8].ravel())
+        amid.append(steps[:, 3::8][:, : steps[:, 7::8].shape[1]].ravel())
+    return np.concatenate(between).mean(), np.concatenate(amid).mean()
+
+
 def surround(depth, step, reach):
-    """Every step-th depth, and the least and the greatest round it where most is known."""
+    """Every step-th depth, and least and greatest round it, where it is known and most of these."""
     side = 2 * reach + 1
     kept = np.ascontiguousarray(depth[step // 2 :: step, step // 2 :: step])
     there, window = kept > 0, np.ones((side, side), np.uint8)
     near = cv2.erode(np.where(there, kept, np.float32(np.inf)), window)
     far = cv2.dilate(kept, window)
-    known = cv2.boxFilter(there.astype(np.float32), -1, (side, side)) > 0.5
+    known = there & (cv2.boxFilter(there.astype(np.float32), -1, (side, side)) > 0.5)
     return kept, np.where(known, near, 0), np.where(known, far, 0)
 
 
 def place_points(kept, every, rays):
-    z = kept[every // 2 :: every, every // 2 :: every].ravel()
-    return rays[z > 0] * z[z > 0, None]
+    kept = kept.astype(float)
+    around = np.pad(kept, 1, mode="edge")
+    shares = [
+        np.abs(side - kept) < kernels.SHARED_DEPTH * kept
+        for side in (around[1:-1, :-2], around[1:-1, 2:], around[:-2, 1:-1], around[2:, 1:-1])
+    ]
+    taken = (kept > 0) & (shares[0] | shares[1]) & (shares[2] | shares[3])
+    taken, z = (image[every // 2 :: every, every // 2 :: every].ravel() for image in (taken, kept))
+    return rays[taken] * z[taken, None]
 
 
 def warp_to_cells(points, T, camera, step, rows, cols):

@@ -55,6 +55,17 @@ class EdgesConfig(Section):
     blur_px: Annotated[int, Field(ge=0, le=31)] = Field(
         default=5, description="size of the Gaussian kernel before the gradient, odd; 0 for none"
     )
+    max_noise: NotNegative = Field(
+        default=2.5,
+        description="grey levels (sigma): an image with more noise is blurred by more, until its "
+        "gradients are as quiet as those of one with so much; 0 leaves images as they are. Not in "
+        "the paper",
+    )
+    black_rim: Literal["ignored", "kept"] = Field(
+        default="ignored",
+        description="what has been black in all images, and reaches their border, has edges that "
+        "move with the camera: no edge is taken beside it. Not in the paper",
+    )
     low: Positive = Field(
         default=20.0,
         description="Canny's lower threshold on ``|Sobel u| + |Sobel v|``; low ones matter where "
@@ -81,6 +92,11 @@ class EdgesConfig(Section):
         default=8.0,
         description="for which the upper threshold has to be so many times the strength that a "
         "quarter of the gradients stay below",
+    )
+    max_blockiness: Positive = Field(
+        default=1.8,
+        description="and unless steps between blocks of 8 x 8 pixels are so many times as large as "
+        "those amid them: then the image was compressed, and these are its faintest edges",
     )
     sobel_threshold: Positive = Field(
         default=120.0,
@@ -701,6 +717,8 @@ PRESETS: dict[str, dict[str, Any]] = {
             "faint_scale": 1.0,
             "position": "pixel",
             "grey_steps": 1,
+            "max_noise": 0.0,
+            "black_rim": "kept",
             "depth_rule": "window",
         },
         "planes": {

@@ -14,7 +14,10 @@ from numpy.typing import NDArray
 
 from edvo import kernels
 from edvo.camera import Camera
+from edvo.compression import blockiness
 from edvo.config import EdgesConfig
+from edvo.noise import quieted
+from edvo.rim import Rim
 from edvo.thresholds import STRONGEST, Scales, threshold_scales
 
 DOG_RATIO = 1.6  # of the two Gaussians: nearest to the Laplacian of a Gaussian (Marr 1980)
@@ -211,6 +214,8 @@ class EdgeImage:
 class EdgeBuffers:
     """Memory that the images on the way to edges are written to, frame after frame.
 
+    It also remembers what has been black in all of them.
+
     Fresh arrays of this size come from the operating system page by page, which at times costs
     more than the edges themselves.
 
@@ -225,6 +230,7 @@ class EdgeBuffers:
         self.dv = np.empty((height, width), np.int16)
         self.mask = np.empty((height, width), np.uint8)
         self.room = np.empty(2 * height * width, np.int32)  # for lists of pixels
+        self.rim = Rim()
 
 
 def extract_edges(
@@ -260,6 +266,8 @@ def extract_edges(
         if scale is not None:
             return _canny_edges(config, buffers, scale)
         scales = threshold_scales(buffers.du, buffers.dv, config)
+        if scales.faint < scales.usual and blockiness(grey) > config.max_blockiness:
+            scales = scales._replace(faint=scales.usual)
         image = _canny_edges(config, buffers, scales.faint if faint else scales.usual)
         return replace(image, scales=scales)
     MASKS[config.extractor](grey, config, buffers)
@@ -378,6 +386,7 @@ def slopes(grey: NDArray[np.uint8], config: EdgesConfig, buffers: EdgeBuffers) -
     """Blur an image by a Gaussian, and write Sobel's gradients of that.
 
     A blurred image is finer than whole grey levels; rounded to these, faint edges are displaced.
+    One that is noisier than ``config.max_noise`` is blurred by more, and a black rim has none.
 
     Parameters
     ----------
@@ -387,7 +396,8 @@ def slopes(grey: NDArray[np.uint8], config: EdgesConfig, buffers: EdgeBuffers) -
     buffers : EdgeBuffers
         ``du`` and ``dv`` are written.
     """
-    steps = config.grey_steps
+    rim = buffers.rim.near(grey) if config.black_rim == "ignored" else None
+    steps, grey = config.grey_steps, quieted(grey, config.max_noise)
     if config.blur_px == BINOMIAL_PX and min(grey.shape) > 2:
         bits = np.int32(BINOMIAL_BITS - (steps.bit_length() - 1))
         kernels.blurred_gradients(grey, bits, buffers.du, buffers.dv)
@@ -398,6 +408,8 @@ def slopes(grey: NDArray[np.uint8], config: EdgesConfig, buffers: EdgeBuffers) -
         buffers.du[:], buffers.dv[:] = (
             cv2.Sobel(fine, cv2.CV_32F, *order) for order in ((1, 0), (0, 1))
         )
+    if rim is not None:
+        buffers.du[rim] = buffers.dv[rim] = 0
 
 
 def sobel(grey: NDArray[np.uint8], config: EdgesConfig, buffers: EdgeBuffers) -> None:

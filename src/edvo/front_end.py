@@ -167,8 +167,9 @@ class FrontEnd:
             self._reobserved.note(seen.samples, alignment)
 
     def forget(self) -> None:
-        """Start anew: nothing is known of which edges are observed again."""
+        """Start anew: nothing is known of the images, nor of which edges are observed again."""
         self._reobserved.forget()
+        self._buffers.rim.forget()
 
     def keyframe(
         self,

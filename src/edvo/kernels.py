@@ -53,6 +53,8 @@ SAME_STEP = 1e-5  # share of a step by which more damping shortens it that does 
 LOOK_UP, ROBUST, NORMAL = -1, 0, 1  # stages of a registration
 EDGE_BITS = 21  # of a key of a near map: which edge; the bits above say how far off it is,
 NEXT, CORNER = np.uint32(4 << EDGE_BITS), np.uint32(6 << EDGE_BITS)  # in quarters of a cell
+SHARED_DEPTH = 0.1  # neighbours that differ by less, of their depth, are of one surface
+MOST_ROUGH = 2**10 - 1  # noise of 250 grey levels leaves a quarter less rough
 NOWHERE = np.uint32(1023 << EDGE_BITS)
 LOG_2 = np.float32(np.log(2))
 ROOT_OF_HALF = np.int32(np.float32(np.sqrt(0.5)).view(np.int32))  # its bits
@@ -331,6 +333,85 @@ def count_strengths(dx: I16, dy: I16, step: int, counts: I32) -> None:
         for u in range(step // 2, dx.shape[1], step):
             strength = np.abs(np.int64(dx[v, u])) + np.abs(np.int64(dy[v, u]))
             counts[place(min(strength, most))] += 1
+
+
+@lean
+def roughness(a: I32, b: I32, c: I32) -> int:
+    """Tell the difference of two Laplacians in the middle of three rows of three, unsigned."""
+    two, four = np.int32(2), np.int32(4)
+    corners, sides = a[0] + a[2] + c[0] + c[2], a[1] + b[0] + b[2] + c[1]
+    return abs(int(corners - two * np.int32(sides) + four * b[1]))
+
+
+@lean
+def quantile_of(counts: I32, share: float) -> float:
+    """Tell what so many of the places are less rough than, between whole numbers; 0 of none."""
+    every, below = 0, 0
+    for k in range(counts.size):
+        every += counts[k]
+    wanted = share * every
+    for k in range(counts.size):
+        below += counts[k]
+        if every > 0 and below >= wanted:
+            return max(k + 0.5 - (below - wanted) / counts[k], 0.0)
+    return 0.0
+
+
+@compiled
+def quiet_roughness(grey: U8, step: int, share: float) -> tuple[float, float]:
+    """Tell what that share of the places is less rough than: of pixels, and sums of 2 x 2 of them.
+
+    Places of which a sum is 0 or white are left out: noise is cut off there.
+    """
+    white, most = np.int32(4 * 255), MOST_ROUGH
+    fine, coarse = np.zeros(most + 1, np.int32), np.zeros(most + 1, np.int32)
+    pixels, sums = np.empty((6, 6), np.int32), np.empty((3, 3), np.int32)
+    for v in range(0, grey.shape[0] - 5, step):
+        for u in range(0, grey.shape[1] - 5, step):
+            for i in range(6):
+                for j in range(6):
+                    pixels[i, j] = grey[v + i, u + j]
+            inside = True
+            for i in range(3):
+                for j in range(3):
+                    above = np.int32(pixels[2 * i, 2 * j] + pixels[2 * i, 2 * j + 1])
+                    below = np.int32(pixels[2 * i + 1, 2 * j] + pixels[2 * i + 1, 2 * j + 1])
+                    sums[i, j] = np.int32(above + below)
+                    inside &= 0 < sums[i, j] < white
+            if inside:
+                by_pixel = roughness(pixels[2, 2:5], pixels[3, 2:5], pixels[4, 2:5])
+                fine[place(min(by_pixel, most))] += 1
+                by_sum = roughness(sums[0], sums[1], sums[2])
+                coarse[place(min(by_sum, most))] += 1
+    return quantile_of(fine, share), quantile_of(coarse, share)
+
+
+@lean
+def step_between(one: np.uint8, other: np.uint8, largest: int) -> int:
+    """Tell by how many grey levels two pixels differ, at most so many."""
+    return min(abs(int(np.int32(one) - np.int32(other))), largest)
+
+
+@compiled
+def mean_steps(grey: U8, apart: int, largest: int) -> tuple[float, float]:
+    """Tell mean steps between blocks of 8 x 8 pixels, and between the two pixels amid each.
+
+    Along rows and columns so far ``apart``; a step counts as no more than ``largest``. Of each
+    block beyond the first, its border to the one before and the middle of that one.
+    """
+    between = amid = count = 0
+    height, width = grey.shape
+    for v in range(apart // 2, height, apart):
+        for u in range(8, width, 8):
+            between += step_between(grey[v, u], grey[v, u - 1], largest)
+            amid += step_between(grey[v, u - 4], grey[v, u - 5], largest)
+            count += 1
+    for v in range(8, height, 8):
+        for u in range(apart // 2, width, apart):
+            between += step_between(grey[v, u], grey[v - 1, u], largest)
+            amid += step_between(grey[v - 4, u], grey[v - 5, u], largest)
+            count += 1
+    return between / max(count, 1), amid / max(count, 1)
 
 
 @lean
@@ -4267,8 +4348,8 @@ def sum_ahead(values: I16, wide: int, side: int) -> I16:
 def surround(depth: F32, step: int, reach: int, kept: F32, near: F32, far: F32) -> None:
     """Keep every step-th depth, and the least and the greatest of the square round each.
 
-    The square reaches ``reach`` of the kept depths to each side. Where no more than half of it
-    holds a depth, the image mirrored at its border, ``near`` and ``far`` are 0.
+    The square reaches ``reach`` of the kept depths to each side. Where a depth is missing itself,
+    or in half of its square, the image mirrored at its border, ``near`` and ``far`` are 0.
     """
     rows, cols = kept.shape
     side, wide, high = 2 * reach + 1, cols + 2 * reach, rows + 2 * reach
@@ -4304,18 +4385,26 @@ def surround(depth: F32, step: int, reach: int, kept: F32, near: F32, far: F32) 
         row = slice(r * wide, r * wide + cols)
         lower, upper, known, to, away = below[row], above[row], count[row], near[r], far[r]
         for c in range(cols):
-            to[c] = lower[c] if known[c] > half else np.float32(0)
-            away[c] = -upper[c] if known[c] > half else np.float32(0)
+            is_seen = (known[c] > half) & (kept[r, c] > 0)
+            to[c] = lower[c] if is_seen else np.float32(0)
+            away[c] = -upper[c] if is_seen else np.float32(0)
 
 
 @compiled
 def place_points(kept: F32, every: int, rays: F64, points: F64) -> int:
-    """Write the points at every so manyth depth, given their rays; returns how many."""
+    """Write the points at every so manyth depth, given their rays; returns how many.
+
+    A depth that neither of its neighbours along the row, or along the column, shares is left out:
+    at contours sensors see what is not there.
+    """
     count, i = 0, 0
-    for r in range(every // 2, kept.shape[0], every):
-        for c in range(every // 2, kept.shape[1], every):
+    rows, cols = kept.shape
+    for r in range(every // 2, rows, every):
+        for c in range(every // 2, cols, every):
             z = np.float64(kept[r, c])
-            if z > 0:
+            across = abs(kept[r, max(c - 1, 0)] - z), abs(kept[r, min(c + 1, cols - 1)] - z)
+            down = abs(kept[max(r - 1, 0), c] - z), abs(kept[min(r + 1, rows - 1), c] - z)
+            if z > 0 and min(across) < SHARED_DEPTH * z and min(down) < SHARED_DEPTH * z:
                 points[count, 0] = rays[i, 0] * z
                 points[count, 1] = rays[i, 1] * z
                 points[count, 2] = rays[i, 2] * z

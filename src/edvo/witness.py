@@ -35,7 +35,8 @@ class Surface:
     points : ndarray of float64, shape (N, 3)
         In the camera, metres.
     near, far : ndarray of float32, shape (rows, columns)
-        Least and greatest depth around, metres; both 0 where most of it is missing.
+        Least and greatest depth around, metres; both 0 where it is missing, or most of it around:
+        what lies beyond the border of what was seen may well be nearer.
     """
 
     points: NDArray[np.float64]

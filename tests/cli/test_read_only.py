@@ -34,6 +34,7 @@ def edvo(site: Path, *arguments: str) -> "subprocess.CompletedProcess[str]":
         if name not in {"NUMBA_CACHE_DIR", "XDG_CACHE_HOME"}
     }
     environment |= {"HOME": os.devnull + "/home", "PYTHONPATH": str(site)}
+    environment["NUMBA_OPT"] = "0"  # to be compiled in two thirds of the time
     code = (
         "import edvo, sys; from edvo.cli import main; print(edvo.__file__, file=sys.stderr); main()"
     )

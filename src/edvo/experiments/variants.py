@@ -35,6 +35,11 @@ VARIANTS = (
     Variant(
         "edges: fainter where noise allows", ("edges.strong_share=0.1", "edges.faint_scale=0.3")
     ),
+    Variant("images: noisy ones as they are", ("edges.max_noise=0",)),
+    Variant("images: noisy ones blurred by more", ("edges.max_noise=2.5",)),
+    Variant("images: compressed ones as they are", ("edges.max_blockiness=1e9",)),
+    Variant("images: black rims kept", ("edges.black_rim=kept",)),
+    Variant("images: black rims ignored", ("edges.black_rim=ignored",)),
     Variant("edges: at whole pixels", ("edges.position=pixel",)),
     Variant("edges: between pixels", ("edges.position=vertex",)),
     Variant("planes: none", ("planes.weight=0",)),

@@ -1,0 +1,155 @@
+"""Images as cameras and recorders spoil them: noise, compression in blocks, a black rim.
+
+    python -m benchmarks.defects [--docs]
+
+spoils the real sequences that `EDVO_DATA` names, and two rendered ones, and tracks each from two
+first frames: the preset `default`, the same without what it makes of such images, and two others
+of `edvo compare`. Printed are root mean squares of the relative pose error over one second (TUM),
+and the share of the frames that have a pose, and of edvo those that say *tracked*.
+"""
+
+import argparse
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.frames import ROOT, Recording, available, recording
+from benchmarks.report import document
+from benchmarks.section import table
+from edvo.baselines.registry import Tracker, make_tracker
+from edvo.camera import Camera
+from edvo.config import Config
+from edvo.errors import EvaluationError
+from edvo.evaluation import evaluate
+from edvo.frame import Frame
+from edvo.odometry import Odometry, Status
+
+PAGE = ROOT / "docs" / "theory" / "images.md"
+MARK = "<!-- measured: written by python -m benchmarks.defects --docs -->\n"
+RENDERED, FRAMES = ("stairs", "notexture_far"), 130
+STARTS = (0, 12)
+AS_IT_IS = ("edges.max_noise=0", "edges.max_blockiness=1e9", "edges.black_rim=kept")
+RIM_PX = 25
+
+Grey = NDArray[np.uint8]
+Spoil = Callable[[Frame, np.random.Generator], Frame]
+
+
+def noise(sigma: float) -> Spoil:
+    """Add white noise, in grey levels."""
+
+    def spoil(frame: Frame, random: np.random.Generator) -> Frame:
+        return replace(frame, grey=_noisy(frame.grey, sigma, random))
+
+    return spoil
+
+
+def bayer(sigma: float) -> Spoil:
+    """Add white noise to what lies behind a Bayer pattern, which smooths it."""
+
+    def spoil(frame: Frame, random: np.random.Generator) -> Frame:
+        raw = _noisy(frame.grey, sigma, random)
+        colours = cv2.cvtColor(raw, cv2.COLOR_BayerBG2BGR)
+        return replace(frame, grey=np.asarray(cv2.cvtColor(colours, cv2.COLOR_BGR2GRAY), np.uint8))
+
+    return spoil
+
+
+def jpeg(quality: int) -> Spoil:
+    """Compress."""
+
+    def spoil(frame: Frame, _: np.random.Generator) -> Frame:
+        data = cv2.imencode(".jpg", frame.grey, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+        return replace(frame, grey=np.asarray(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE), np.uint8))
+
+    return spoil
+
+
+def rim(frame: Frame, _: np.random.Generator) -> Frame:
+    """Leave nothing of colour and depth near the border."""
+    inside = np.zeros(frame.grey.shape, bool)
+    inside[RIM_PX:-RIM_PX, RIM_PX:-RIM_PX] = True
+    grey, depth = np.where(inside, frame.grey, 0), np.where(inside, frame.depth, 0)
+    return replace(frame, grey=grey.astype(np.uint8), depth=depth.astype(np.float32))
+
+
+DEFECTS: dict[str, Spoil] = {
+    "none": lambda frame, _: frame,
+    "noise, 5 grey levels": noise(5),
+    "noise, 10": noise(10),
+    "noise, 20": noise(20),
+    "noise, 10 behind a Bayer pattern": bayer(10),
+    "JPEG, quality 80": jpeg(80),
+    "JPEG, quality 40": jpeg(40),
+    f"black rim, {RIM_PX} px": rim,
+}
+
+
+def main() -> None:
+    """Print a table a sequence."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--docs", action="store_true", help="put the tables into docs/ as well")
+    given = parser.parse_args()
+    cv2.setNumThreads(1)
+    makers: dict[str, Callable[[Camera], Tracker]] = {
+        "default": Odometry,
+        "image as it is": lambda camera: Odometry(camera, Config().with_overrides(AS_IT_IS)),
+        "OpenCV RGB-D": lambda camera: make_tracker("opencv-rgbd", camera),
+        "ORB with PnP": lambda camera: make_tracker("orb-pnp", camera),
+    }
+    text = ""
+    for name in dict.fromkeys((*available(), *RENDERED)):
+        whole, rows = recording(name, FRAMES), []
+        for defect, spoil in DEFECTS.items():
+            random = np.random.default_rng(1)
+            spoiled = replace(whole, frames=tuple(spoil(each, random) for each in whole.frames))
+            rows.append([defect, *(score(spoiled, make) for make in makers.values())])
+            print(f"{name} | " + " | ".join(rows[-1]), flush=True)
+        text += f"### {name}\n\n" + table(["defect", *makers], rows) + "\n\n"
+    print("\n" + text)
+    if given.docs:
+        document(PAGE.parent, text.rstrip() + "\n", page=PAGE, mark=MARK)
+
+
+def score(recorded: Recording, make: Callable[[Camera], Tracker]) -> str:
+    """Track a sequence from each first frame: error in mm/s, and how many frames have a pose."""
+    squares: list[float] = []
+    posed = tracked = every = 0
+    for start in STARTS:
+        frames, tracker = recorded.frames[start:], make(recorded.camera)
+        statuses = [tracker.track(frame).status for frame in frames]
+        posed += sum(status is not Status.LOST for status in statuses)
+        tracked += sum(status is Status.TRACKED for status in statuses)
+        every += len(frames)
+        squares += list(_squares(recorded, tracker, len(frames)))
+    error = 1e3 * float(np.sqrt(np.mean(squares))) if squares else np.inf
+    shares = f"{100 * posed / every:.0f} %"
+    if isinstance(tracker, Odometry):
+        shares += f", {100 * tracked / every:.0f} %"
+    return f"{error:.{1 if error < 100 else 0}f}; {shares}" if squares else f"lost; {shares}"
+
+
+def _squares(recorded: Recording, tracker: Tracker, count: int) -> Iterator[float]:
+    """Give the squared error of a run; nothing where too little has a pose."""
+    truth = recorded.source.ground_truth
+    assert truth is not None
+    try:
+        found = evaluate(truth, tracker.trajectory, count).rpe
+    except EvaluationError:
+        return
+    if found is not None:
+        yield found.rmse**2
+
+
+def _noisy(grey: Grey, sigma: float, random: np.random.Generator) -> Grey:
+    noisy: Grey = np.clip(np.rint(grey + random.normal(0, sigma, grey.shape)), 0, 255).astype(
+        np.uint8
+    )
+    return noisy
+
+
+if __name__ == "__main__":
+    main()
