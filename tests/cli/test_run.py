@@ -2,6 +2,7 @@ import json
 import re
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import yaml
@@ -139,4 +140,30 @@ def test_wrong_option_is_named_in_one_line(
     assert done.status == 1
     assert named in done.err
     assert done.err.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_mask_leaves_out_what_is_not_of_the_scene(
+    edvo: Command, whole_sequence: Path, tmp_path: Path
+) -> None:
+    width, height = 160, 120
+    shown = np.full((height, width), 255, np.uint8)
+    shown[:, : width // 2] = 0
+    mask = tmp_path / "mask.png"
+    cv2.imwrite(str(mask), shown)
+    done = edvo("run", whole_sequence, "-o", tmp_path / "out", "--mask", mask)
+    assert done.status == 0, done.err
+    edvo("run", whole_sequence, "-o", tmp_path / "all")
+    fewer, every = (
+        sum(int(row["samples"]) for row in rows(tmp_path / name)) for name in ("out", "all")
+    )
+    assert 0.2 < fewer / every < 0.8
+
+
+def test_a_mask_of_another_size(edvo: Command, whole_sequence: Path, tmp_path: Path) -> None:
+    mask = tmp_path / "mask.png"
+    cv2.imwrite(str(mask), np.eye(30, dtype=np.uint8))
+    done = edvo("run", whole_sequence, "-o", tmp_path / "out", "--mask", mask)
+    assert done.status == 1
+    assert done.err.splitlines()[-1].endswith("give one of their size")
     assert not (tmp_path / "out").exists()

@@ -15,6 +15,7 @@ from edvo.cli.scores import score_table, speed_line
 from edvo.cli.terminal import note, progress, say
 from edvo.cli.view import View
 from edvo.clock import StageClock
+from edvo.datasets.masked import MaskedSource, read_mask
 from edvo.errors import DatasetError, EvaluationError
 from edvo.evaluation import Evaluation, evaluate
 from edvo.files import output_folder
@@ -35,6 +36,7 @@ def run(
     overrides: list[str],
     seed: int | None,
     camera: str | None,
+    mask: Path | None,
     format: str | None,
     colour_topic: str | None,
     depth_topic: str | None,
@@ -53,6 +55,8 @@ def run(
     source = open_recording(
         path, format=format, camera=camera, colour_topic=colour_topic, depth_topic=depth_topic
     )
+    if mask is not None:
+        source = MaskedSource(source, read_mask(mask, source.camera))
     indices = choose_frames(source, start=start, max_frames=max_frames, stride=stride)
     folder = output_folder(out)
     for warning in source.warnings:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edvo.camera import Camera
-from edvo.datasets.derived import Derived
+from edvo.datasets.derived import DerivedFrames
 from edvo.datasets.source import Reading, Source
 from edvo.errors import FrameError, SceneError
 from edvo.synthesis import photometry
@@ -174,7 +174,7 @@ def relight(
     return relighter.relight(image, depth, camera, t)
 
 
-class RelitSource(Derived):
+class RelitSource(DerivedFrames):
     """A source whose images are relit as they are read.
 
     Parameters
@@ -198,29 +198,6 @@ class RelitSource(Derived):
     def name(self) -> str:
         """Name of the source and of the light."""
         return f"{self._source.name}+{self._relighter.name}"
-
-    @property
-    def format(self) -> str:
-        """Format of the source."""
-        return self._source.format
-
-    @property
-    def stamps(self) -> Sequence[str]:
-        """Times of the frames as text."""
-        return self._source.stamps
-
-    @property
-    def timestamps(self) -> NDArray[np.float64]:
-        """Times of the frames in seconds, shape (N,)."""
-        return self._source.timestamps
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What looks wrong with the source."""
-        return self._source.warnings
-
-    def __len__(self) -> int:
-        return len(self._source)
 
     def read(self, index: int) -> Reading:
         """Read a frame and relight it; a problem is passed on.

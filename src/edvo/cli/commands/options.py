@@ -26,6 +26,15 @@ CameraFile = Annotated[
         metavar="FILE",
     ),
 ]
+MaskFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--mask",
+        help="Image of the size of the recording's, black where it does not show the scene but "
+        "print, a gripper, or a part of the robot.",
+        metavar="FILE",
+    ),
+]
 FormatName = Annotated[
     str | None, typer.Option("--format", help="Format of the source, if not found out.")
 ]
