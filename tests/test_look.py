@@ -55,7 +55,7 @@ def test_an_image_without_edges_is_like_no_other(rng):
 
 def test_a_look_stays_when_bright_and_dark_change_places(rng):
     grey = np.kron(rng.integers(0, 255, (6, 8)), np.ones((10, 10))).astype(np.uint8)
-    config = EdgesConfig(strong_share=0, black_rim="kept")
+    config = EdgesConfig(strong_share=0)
     once, inverted = (
         Look(extract_edges(image, config).describe(CAMERA), CAMERA) for image in (grey, 255 - grey)
     )

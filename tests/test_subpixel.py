@@ -48,7 +48,7 @@ def step(angle, offset, low=50, high=180):
 def errors(angle, offset, low=50, high=180, **config):
     """Signed distances of the edge pixels from the line, px."""
     grey = step(angle, offset, low, high)
-    edges = extract_edges(grey, EdgesConfig(black_rim="kept", **config)).describe(CAMERA)
+    edges = extract_edges(grey, EdgesConfig(**config)).describe(CAMERA)
     off = edges.pixels.astype(np.float64) - CENTRE
     off = off[(np.abs(off) < INNER).all(axis=1)]
     return off @ (np.cos(angle), np.sin(angle)) - offset
@@ -121,7 +121,7 @@ def test_the_paper_places_edges_by_pixel():
 
 def test_at_the_border_an_edge_is_its_pixel():
     grey = np.random.default_rng(0).integers(0, 256, (SIZE, SIZE)).astype(np.uint8)
-    as_it_is = {"blur_px": 0, "max_noise": 0, "black_rim": "kept"}
+    as_it_is = {"blur_px": 0, "max_noise": 0}
     edges = extract_edges(grey, EdgesConfig(extractor="sobel", sobel_threshold=1, **as_it_is))
     v, u = np.divmod(edges.index, SIZE)
     border = (np.minimum(u, v) == 0) | (np.maximum(u, v) == SIZE - 1)

@@ -620,7 +620,8 @@ def quiet_roughness(grey, step, share):
     weights = np.outer([1, -2, 1], [1, -2, 1])
     windows = np.lib.stride_tricks.sliding_window_view(grey.astype(int), (6, 6))[::step, ::step]
     sums = windows.reshape(*windows.shape[:2], 3, 2, 3, 2).sum(axis=(3, 5))
-    asked = ((sums > 0) & (sums < 4 * 255)).all(axis=(2, 3))
+    asked = (sums > 4 * kernels.DARKEST) & (sums < 4 * kernels.BRIGHTEST)
+    asked = asked.all(axis=(2, 3))
     found = []
     for each in (windows[..., 2:5, 2:5], sums):
         rough = np.minimum(np.abs((each * weights).sum(axis=(2, 3)))[asked], kernels.MOST_ROUGH)

@@ -20,7 +20,7 @@ def blockiness(grey: NDArray[np.uint8]) -> float:
     Parameters
     ----------
     grey : ndarray of uint8, shape (H, W)
-        Neither scaled nor undistorted since it was compressed.
+        Neither scaled, undistorted nor cut off at the left or the top since it was compressed.
 
     Returns
     -------

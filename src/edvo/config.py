@@ -58,12 +58,12 @@ class EdgesConfig(Section):
     max_noise: NotNegative = Field(
         default=2.5,
         description="grey levels (sigma): an image with more noise is blurred by more, until its "
-        "gradients are as quiet as those of one with so much; 0 leaves images as they are. Not in "
-        "the paper",
+        "gradients are as quiet as those of one with so much (with a blur_px of 5); 0 leaves "
+        "images as they are. Not in the paper",
     )
     black_rim: Literal["ignored", "kept"] = Field(
         default="ignored",
-        description="what has been black in all images, and reaches their border, has edges that "
+        description="what is black about images, as outside the view of a lens, has edges that "
         "move with the camera: no edge is taken beside it. Not in the paper",
     )
     low: Positive = Field(

@@ -17,7 +17,6 @@ from edvo.camera import Camera
 from edvo.compression import blockiness
 from edvo.config import EdgesConfig
 from edvo.noise import quieted
-from edvo.rim import Rim
 from edvo.thresholds import STRONGEST, Scales, threshold_scales
 
 DOG_RATIO = 1.6  # of the two Gaussians: nearest to the Laplacian of a Gaussian (Marr 1980)
@@ -214,8 +213,6 @@ class EdgeImage:
 class EdgeBuffers:
     """Memory that the images on the way to edges are written to, frame after frame.
 
-    It also remembers what has been black in all of them.
-
     Fresh arrays of this size come from the operating system page by page, which at times costs
     more than the edges themselves.
 
@@ -230,7 +227,6 @@ class EdgeBuffers:
         self.dv = np.empty((height, width), np.int16)
         self.mask = np.empty((height, width), np.uint8)
         self.room = np.empty(2 * height * width, np.int32)  # for lists of pixels
-        self.rim = Rim()
 
 
 def extract_edges(
@@ -240,6 +236,7 @@ def extract_edges(
     *,
     faint: bool = False,
     scale: float | None = None,
+    blind: NDArray[np.bool_] | None = None,
 ) -> EdgeImage:
     """Find the edge pixels of an image.
 
@@ -255,13 +252,16 @@ def extract_edges(
         Whether Canny's thresholds may sink as far as the noise of the image allows.
     scale : float, optional
         By which they are multiplied; what the image calls for where not given.
+    blind : ndarray of bool, shape (H, W), optional
+        Where no edges are taken.
 
     Returns
     -------
     EdgeImage
     """
     buffers = buffers or EdgeBuffers(*grey.shape)
-    slopes(grey, config, buffers)
+    quiet = quieted(grey, config.max_noise)
+    slopes(quiet, config, buffers, blind)
     if config.extractor == "canny":
         if scale is not None:
             return _canny_edges(config, buffers, scale)
@@ -270,7 +270,7 @@ def extract_edges(
             scales = scales._replace(faint=scales.usual)
         image = _canny_edges(config, buffers, scales.faint if faint else scales.usual)
         return replace(image, scales=scales)
-    MASKS[config.extractor](grey, config, buffers)
+    MASKS[config.extractor](quiet, config, buffers)
     return _collected(config, buffers)
 
 
@@ -382,11 +382,15 @@ def _blurred(image: NDArray[_Grey], config: EdgesConfig) -> NDArray[_Grey]:
     return cast(NDArray[_Grey], cv2.GaussianBlur(image, (config.blur_px, config.blur_px), 0))
 
 
-def slopes(grey: NDArray[np.uint8], config: EdgesConfig, buffers: EdgeBuffers) -> None:
+def slopes(
+    grey: NDArray[np.uint8],
+    config: EdgesConfig,
+    buffers: EdgeBuffers,
+    blind: NDArray[np.bool_] | None = None,
+) -> None:
     """Blur an image by a Gaussian, and write Sobel's gradients of that.
 
     A blurred image is finer than whole grey levels; rounded to these, faint edges are displaced.
-    One that is noisier than ``config.max_noise`` is blurred by more, and a black rim has none.
 
     Parameters
     ----------
@@ -395,9 +399,10 @@ def slopes(grey: NDArray[np.uint8], config: EdgesConfig, buffers: EdgeBuffers) -
         ``blur_px``, and ``grey_steps``, in units of which gradients are written.
     buffers : EdgeBuffers
         ``du`` and ``dv`` are written.
+    blind : ndarray of bool, shape (H, W), optional
+        Where they are 0.
     """
-    rim = buffers.rim.near(grey) if config.black_rim == "ignored" else None
-    steps, grey = config.grey_steps, quieted(grey, config.max_noise)
+    steps = config.grey_steps
     if config.blur_px == BINOMIAL_PX and min(grey.shape) > 2:
         bits = np.int32(BINOMIAL_BITS - (steps.bit_length() - 1))
         kernels.blurred_gradients(grey, bits, buffers.du, buffers.dv)
@@ -408,8 +413,8 @@ def slopes(grey: NDArray[np.uint8], config: EdgesConfig, buffers: EdgeBuffers) -
         buffers.du[:], buffers.dv[:] = (
             cv2.Sobel(fine, cv2.CV_32F, *order) for order in ((1, 0), (0, 1))
         )
-    if rim is not None:
-        buffers.du[rim] = buffers.dv[rim] = 0
+    if blind is not None:
+        buffers.du[blind] = buffers.dv[blind] = 0
 
 
 def sobel(grey: NDArray[np.uint8], config: EdgesConfig, buffers: EdgeBuffers) -> None:

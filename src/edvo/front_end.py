@@ -19,6 +19,7 @@ from edvo.look import Look
 from edvo.planes import PlaneFitter, PlaneMap, thinned
 from edvo.registration import Alignment, Registration
 from edvo.reobservation import Reobserved
+from edvo.rim import Rim
 from edvo.sampling import sample_edges
 from edvo.search import Seen
 from edvo.sensor import DEPTH_NOISE
@@ -53,6 +54,7 @@ class FrontEnd:
         self._camera, self._config, self._clock = camera, config, clock
         self._registration, self._fitter = registration, fitter
         self._buffers = EdgeBuffers(camera.height, camera.width)
+        self._rim = Rim()
         self._reobserved = Reobserved(camera)
         self._chooses = config.sampling.selection == "informative"
 
@@ -85,7 +87,9 @@ class FrontEnd:
         config = self._config
         count, fine, near, faint = usual_detail(config) if detail is None else detail
         with self._clock("edges"):
-            edges = extract_edges(frame.grey, config.edges, self._buffers, faint=faint)
+            ignored = config.edges.black_rim == "ignored"
+            blind = self._rim.near(frame.grey, frame.depth) if ignored else None
+            edges = extract_edges(frame.grey, config.edges, self._buffers, faint=faint, blind=blind)
         with self._clock("planes"):
             points = self._fitter.points(frame.depth, T_cam_depth, fine=fine)
         with self._clock("sampling"):
@@ -167,9 +171,13 @@ class FrontEnd:
             self._reobserved.note(seen.samples, alignment)
 
     def forget(self) -> None:
-        """Start anew: nothing is known of the images, nor of which edges are observed again."""
+        """Start anew: nothing is known of which edges are observed again."""
         self._reobserved.forget()
-        self._buffers.rim.forget()
+
+    def reset(self) -> None:
+        """Forget what is known of the camera's images as well."""
+        self.forget()
+        self._rim = Rim()
 
     def keyframe(
         self,

@@ -53,11 +53,12 @@ SAME_STEP = 1e-5  # share of a step by which more damping shortens it that does 
 LOOK_UP, ROBUST, NORMAL = -1, 0, 1  # stages of a registration
 EDGE_BITS = 21  # of a key of a near map: which edge; the bits above say how far off it is,
 NEXT, CORNER = np.uint32(4 << EDGE_BITS), np.uint32(6 << EDGE_BITS)  # in quarters of a cell
-SHARED_DEPTH = 0.1  # neighbours that differ by less, of their depth, are of one surface
-MOST_ROUGH = 2**10 - 1  # noise of 250 grey levels leaves a quarter less rough
 NOWHERE = np.uint32(1023 << EDGE_BITS)
 LOG_2 = np.float32(np.log(2))
 ROOT_OF_HALF = np.int32(np.float32(np.sqrt(0.5)).view(np.int32))  # its bits
+SHARED_DEPTH = 0.1  # neighbours that differ by less, of their depth, are of one surface
+DARKEST, BRIGHTEST = 8, 247  # grey levels at which noise is cut off, or compressed away
+MOST_ROUGH = 2**10 - 1  # noise of 250 grey levels leaves two fifths less rough
 FLAT = np.float32(1e-6)  # a bend of less than that is none: logarithms are not more exact
 PROFILES = 400  # so many tell how profiles usually change,
 LEAST_CHANGE = 0.02  # which is by no less: noise of the image;
@@ -361,9 +362,9 @@ def quantile_of(counts: I32, share: float) -> float:
 def quiet_roughness(grey: U8, step: int, share: float) -> tuple[float, float]:
     """Tell what that share of the places is less rough than: of pixels, and sums of 2 x 2 of them.
 
-    Places of which a sum is 0 or white are left out: noise is cut off there.
+    Places of which a sum is black or white are left out: noise is cut off there.
     """
-    white, most = np.int32(4 * 255), MOST_ROUGH
+    black, white, most = np.int32(4 * DARKEST), np.int32(4 * BRIGHTEST), MOST_ROUGH
     fine, coarse = np.zeros(most + 1, np.int32), np.zeros(most + 1, np.int32)
     pixels, sums = np.empty((6, 6), np.int32), np.empty((3, 3), np.int32)
     for v in range(0, grey.shape[0] - 5, step):
@@ -377,7 +378,7 @@ def quiet_roughness(grey: U8, step: int, share: float) -> tuple[float, float]:
                     above = np.int32(pixels[2 * i, 2 * j] + pixels[2 * i, 2 * j + 1])
                     below = np.int32(pixels[2 * i + 1, 2 * j] + pixels[2 * i + 1, 2 * j + 1])
                     sums[i, j] = np.int32(above + below)
-                    inside &= 0 < sums[i, j] < white
+                    inside &= black < sums[i, j] < white
             if inside:
                 by_pixel = roughness(pixels[2, 2:5], pixels[3, 2:5], pixels[4, 2:5])
                 fine[place(min(by_pixel, most))] += 1

@@ -119,7 +119,7 @@ class Odometry:
         self._search = Search(
             self.camera, self.config, self._registration, self._fitter, self._judge
         )
-        self._front_end.forget()
+        self._front_end.reset()
         self._shared.forget()
         self._instants.forget()
         kit = Kit(

@@ -9,74 +9,112 @@ import numpy as np
 from numpy.typing import NDArray
 
 BLACK = 8  # grey levels that count as such: compressed images are not quite black
-LEAST_SHARE = 0.001  # of the pixels: less is no rim
-# What a rim surrounds is most of the image, and nearly convex (undistorted images bend inwards).
-# What lies dark behind an object is not like that, and gives way as the camera moves.
-LEAST_INSIDE, LEAST_CONVEX = 0.5, 0.9
-MOST_GIVEN = 0.02  # of the pixels, to what is seen later
-REACH_PX = 8  # to which its edges are blurred, and compressed
+# What a rim surrounds is most of the image, lit, and nearly convex (some bend inwards).
+LEAST_INSIDE, LEAST_CONVEX, LEAST_LIT = 0.5, 0.9, 20
+# It lies along most of two opposite sides, or at all corners. If not along all of all four it has
+# no depth, as a dark door has.
+LEAST_ALONG, LEAST_CORNERS, ALL_ROUND, MOST_DEPTH = 0.5, 0.15, 0.95, 0.02
+STEP_PX = 8  # one pixel in so many tells whether an image is lit
+EVERY = 10  # frames, after which it is looked for anew: a dark thing may have touched it
+BLOCK_PX = 8  # that images are compressed by
+REACH_PX = 10  # to which its edges are blurred, and compressed
 
 
 class Rim:
-    """What has been black in all images so far, and hung together with the border of the first."""
+    """Looks for a black rim about the images of a camera."""
 
     def __init__(self) -> None:
-        self.forget()
-
-    def forget(self) -> None:
-        """Start anew: nothing is known of the images."""
-        self._black: NDArray[np.uint8] | None = None
         self._near: NDArray[np.bool_] | None = None
-        self._area = self._taken = (
-            0  # pixels that are black, and that were when it was taken for one
-        )
+        self._frames = 0  # since it was looked for
         self._is_without = False
 
-    def near(self, grey: NDArray[np.uint8]) -> NDArray[np.bool_] | None:
-        """Learn from an image, and say where its edges are those of the rim.
+    def near(self, grey: NDArray[np.uint8], depth: NDArray[np.float32]) -> NDArray[np.bool_] | None:
+        """Learn from a frame, and say where its edges are those of the rim.
 
-        Images without any are told at the first one, and cost nothing from then on.
+        A frame that is lit and has none settles it at the beginning, so that recordings without
+        one cost nothing more. What is too dark to tell leaves it open.
 
         Parameters
         ----------
         grey : ndarray of uint8, shape (H, W)
             Of one size with those before.
+        depth : ndarray of float32, shape (H, W)
+            Metres, 0 where missing.
 
         Returns
         -------
         ndarray of bool, shape (H, W), or None
             Pixels in the rim, or so near that its edge may be there; None where there is none.
         """
-        if self._is_without:
-            return None
-        dark = (grey <= BLACK).astype(np.uint8)
-        black = _at_border(dark) if self._black is None else dark & self._black
-        before, self._area, self._black = self._area, cv2.countNonZero(black), black
-        given = self._taken - self._area
-        if self._area < LEAST_SHARE * grey.size or given > MOST_GIVEN * grey.size:
-            self._is_without = True
-            self._black = self._near = None
-        elif self._area != before and (self._near is not None or _is_around(black)):
-            self._taken = self._taken or self._area
-            side = 2 * REACH_PX + 1
-            self._near = cv2.dilate(black, np.ones((side, side), np.uint8)).astype(bool)
+        self._frames += 1
+        if self._is_without or (self._near is not None and self._frames < EVERY):
+            return self._near
+        if np.mean(grey[::STEP_PX, ::STEP_PX]) < LEAST_INSIDE * LEAST_LIT:
+            return self._near
+        self._is_without = self._near is None and black_sides(grey) is None
+        self._near, self._frames = find_rim(grey, depth), 0
         return self._near
 
 
-def _is_around(black: NDArray[np.uint8]) -> bool:
-    """Say whether what is not black is most of an image, and nearly convex."""
-    inside = 1 - black
-    area = cv2.countNonZero(inside)
-    if area < LEAST_INSIDE * inside.size:
-        return False
-    contours, _ = cv2.findContours(inside, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
-    corners = cv2.convexHull(np.concatenate(contours))
-    hull = cv2.fillConvexPoly(np.zeros_like(black), corners, 1)
-    return area >= LEAST_CONVEX * cv2.countNonZero(hull)
+def black_sides(grey: NDArray[np.uint8]) -> float | None:
+    """Say how much of the border of an image is black, if it is where a rim has its border.
+
+    Parameters
+    ----------
+    grey : ndarray of uint8, shape (H, W)
+
+    Returns
+    -------
+    float or None
+        Share of that side of which least is; None if neither two opposite sides are, for the most
+        part, nor the ends of all four.
+    """
+    top, bottom, left, right = (
+        float(np.mean(line <= BLACK)) for line in (grey[0], grey[-1], grey[:, 0], grey[:, -1])
+    )
+    least = min(top, bottom, left, right)
+    opposite = max(min(top, bottom), min(left, right))
+    return least if opposite >= LEAST_ALONG or least >= LEAST_CORNERS else None
 
 
-def _at_border(black: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Keep of a mask what hangs together with the border of the image."""
-    around = cv2.copyMakeBorder(black, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=1)
-    cv2.floodFill(around, None, (0, 0), 2)
-    return np.ascontiguousarray(around[1:-1, 1:-1] == 2, np.uint8)
+def find_rim(grey: NDArray[np.uint8], depth: NDArray[np.float32]) -> NDArray[np.bool_] | None:
+    """Find the black rim of an image.
+
+    Parameters
+    ----------
+    grey : ndarray of uint8, shape (H, W)
+    depth : ndarray of float32, shape (H, W)
+        Metres, 0 where missing.
+
+    Returns
+    -------
+    ndarray of bool, shape (H, W), or None
+        Pixels that are in it, or within ``REACH_PX`` of it; None where there is none.
+    """
+    along = black_sides(grey)
+    if along is None:
+        return None
+    black = cv2.copyMakeBorder(
+        (grey <= BLACK).astype(np.uint8), 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=1
+    )
+    cv2.floodFill(black, None, (0, 0), 2)
+    rim = black[1:-1, 1:-1] == 2
+    within = (~rim).astype(np.uint8)
+    area = cv2.countNonZero(within)
+    if area < LEAST_INSIDE * rim.size or np.mean(grey[~rim]) < LEAST_LIT:
+        return None
+    if along < ALL_ROUND and np.count_nonzero(depth[rim]) > MOST_DEPTH * (rim.size - area):
+        return None
+    # without what compression leaves in the rim, up to a block from its edge
+    within = cv2.morphologyEx(
+        within, cv2.MORPH_OPEN, np.ones((BLOCK_PX + 1, BLOCK_PX + 1), np.uint8)
+    )
+    contours, _ = cv2.findContours(within, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    if not contours:
+        return None
+    hull = np.zeros_like(within)
+    cv2.fillConvexPoly(hull, cv2.convexHull(np.concatenate(contours)), 1)
+    if cv2.countNonZero(within) < LEAST_CONVEX * cv2.countNonZero(hull):
+        return None
+    side = 2 * REACH_PX + 1
+    return cv2.dilate(rim.astype(np.uint8), np.ones((side, side), np.uint8)).astype(bool)

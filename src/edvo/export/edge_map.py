@@ -9,6 +9,7 @@ from edvo.camera import Camera
 from edvo.config import EdgesConfig
 from edvo.edges import depth_at_edges, extract_edges
 from edvo.frame import Frame
+from edvo.rim import find_rim
 
 VOXEL_M = 0.01
 MAX_POINTS = 500_000
@@ -107,7 +108,9 @@ class EdgeMap:
         T_world_cam : ndarray of float64, shape (4, 4)
             Its pose.
         """
-        image = extract_edges(frame.grey, self._config)
+        ignored = self._config.black_rim == "ignored"
+        blind = find_rim(frame.grey, frame.depth) if ignored else None
+        image = extract_edges(frame.grey, self._config, blind=blind)
         depths = depth_at_edges(frame.depth, image.index, self._config)
         near = np.flatnonzero((depths > 0) & (depths <= self._max_depth_m)).astype(np.int32)
         edges = image.describe(self._camera, near, depths[near])

@@ -10,6 +10,7 @@ from edvo.config import Config
 from edvo.edges import extract_edges
 from edvo.frame import Frame
 from edvo.odometry import TrackedFrame
+from edvo.rim import find_rim
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +90,8 @@ def look(frame: Frame, result: TrackedFrame, camera: Camera, config: Config) -> 
     Seen
         Without matches where the frame was not registered.
     """
-    image = extract_edges(frame.grey, config.edges, scale=result.edge_scale)
+    blind = find_rim(frame.grey, frame.depth) if config.edges.black_rim == "ignored" else None
+    image = extract_edges(frame.grey, config.edges, scale=result.edge_scale, blind=blind)
     edges = image.describe(camera)
     samples = references = np.empty((0, 2), np.float32)
     residuals = np.empty(0)

@@ -27,6 +27,7 @@ CONFIG = Config().with_overrides(
         "sampling.count=800",
         "edges.position=pixel",
         "edges.grey_steps=1",
+        "edges.max_noise=0",
         "edges.depth_rule=window",
         "planes.doubt=0.7",
         "planes.edge_doubt_px=0",
