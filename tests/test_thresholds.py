@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from edvo import front_end, kernels
 from edvo.config import Config, EdgesConfig
 from edvo.detail import Detail
-from edvo.edges import EdgeBuffers, edges_to_keep, extract_edges, slopes
+from edvo.edges import EdgeBuffers, edges_to_keep, extract_edges
 from edvo.odometry import Odometry, Status
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
-from edvo.thresholds import STEP_PX, exceeded, threshold_scales, undercut
+from edvo.thresholds import STEP_PX, exceeded, undercut
 
 from . import problems, twins
 from .test_kernels import both
@@ -31,9 +31,7 @@ def noisy(sigma, contrast=0.0, seed=0):
 
 
 def scale_of(grey, *, faint, **changes):
-    config, buffers = EdgesConfig(**changes), EdgeBuffers(*grey.shape)
-    slopes(grey, config, buffers)
-    scales = threshold_scales(buffers.du, buffers.dv, config)
+    scales = extract_edges(grey, EdgesConfig(**changes)).scales
     return scales.faint if faint else scales.usual
 
 
