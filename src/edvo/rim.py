@@ -25,14 +25,14 @@ class Rim:
 
     def __init__(self) -> None:
         self._near: NDArray[np.bool_] | None = None
-        self._frames = 0  # since it was looked for
+        self._wait = self._left = 0  # frames between two looks, and until the next one
         self._is_without = False
 
     def near(self, grey: NDArray[np.uint8], depth: NDArray[np.float32]) -> NDArray[np.bool_] | None:
         """Learn from a frame, and say where its edges are those of the rim.
 
-        A frame that is lit and has none settles it at the beginning, so that recordings without
-        one cost nothing more. What is too dark to tell leaves it open.
+        The border of the first frame that is lit settles it where it is not black, so that
+        recordings without a rim cost nothing more. What is too dark to tell leaves it open.
 
         Parameters
         ----------
@@ -46,13 +46,18 @@ class Rim:
         ndarray of bool, shape (H, W), or None
             Pixels in the rim, or so near that its edge may be there; None where there is none.
         """
-        self._frames += 1
-        if self._is_without or (self._near is not None and self._frames < EVERY):
+        if self._is_without:
+            return None
+        if self._left:
+            self._left -= 1
             return self._near
         if np.mean(grey[::STEP_PX, ::STEP_PX]) < LEAST_INSIDE * LEAST_LIT:
             return self._near
         self._is_without = self._near is None and black_sides(grey) is None
-        self._near, self._frames = find_rim(grey, depth), 0
+        self._near = find_rim(grey, depth)
+        # light may still be coming up: what is not found is soon looked for again, and then seldom
+        self._wait = min(2 * self._wait + 1, EVERY) if self._near is None else EVERY
+        self._left = self._wait - 1
         return self._near
 
 
