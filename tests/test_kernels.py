@@ -143,8 +143,9 @@ def test_depths_at(rng, radius, gap):
     differs = ~np.isclose(result, expected, rtol=1e-5)
     assert differs.mean() < 1e-3
     assert np.count_nonzero(expected == 0) > 0
+    window = kernels.room_for_window(radius)
     for i in index[::37]:  # on the border and inside
-        one = kernels.depth_at(depth, int(i) % 160, int(i) // 160, radius, gap)
+        one = kernels.depth_at(depth, int(i) % 160, int(i) // 160, radius, gap, window)
         assert one == result[i // 3]
 
 

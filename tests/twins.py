@@ -173,7 +173,7 @@ def fit_edge_depths(pixels, gradients, index, depth, camera, T, radius, gap, sig
                 col, row = int(np.floor(u + 0.5)), int(np.floor(v + 0.5))
                 if not (0 <= col < width and 0 <= row < height):
                     break
-                z = kernels.depth_at(depth, col, row, radius, gap)
+                z = depth_at(depth, col, row, radius, gap)
             if z <= 0 or not z - dz > kernels.MIN_DEPTH:
                 found[k] = found[k] if T is not None else 0.0
                 break
@@ -944,7 +944,7 @@ def delayed_depths(index, depth, camera, T, radius, gap, given):
             u, v = np.floor(raw + by + 0.5).astype(int)
             if not (0 <= u < width and 0 <= v < height):
                 break
-            z = kernels.depth_at(depth, u, v, radius, gap)
+            z = depth_at(depth, u, v, radius, gap)
             if z == 0 or not z - dz > kernels.MIN_DEPTH:
                 break
             found[k] = z - dz

@@ -993,47 +993,62 @@ def plane_through(sums: Sums) -> tuple[float, float, float, float, float]:
     return mw - a * mu - b * mv, a, b, off if spans else np.inf, spread if spans else np.inf
 
 
+@compiled
+def room_for_window(radius: int) -> F32:
+    """Make room for the depths that `depth_at` looks at, and one more."""
+    return np.empty((2 * radius + 1) ** 2 + 1, np.float32)
+
+
 @lean
-def depth_at(depth: F32, u: int, v: int, radius: int, gap: float) -> np.float32:
+def nearest_surface(depths: F32, n: np.uint64, ratio: np.float32, support: int) -> np.float32:
+    """Nearest of the first n depths of which ``support`` lie up to ``ratio`` times as far; or 0.
+
+    No branch within: which of them are near is not foreseen.
+    """
+    nearest = np.float32(np.inf)
+    for i in range(n):
+        near = depths[i]
+        bound, count = near * ratio, np.int32(0)
+        for j in range(n):  # as many numbers to a vector as there are depths: no wider ones
+            count = np.int32(count + np.int32((depths[j] >= near) & (depths[j] <= bound)))
+        nearest = min(nearest, near if count >= support else np.float32(np.inf))
+    return nearest if nearest < np.inf else np.float32(0)
+
+
+@lean
+def depth_at(depth: F32, u: int, v: int, radius: int, gap: float, window: F32) -> np.float32:
     """Depth (m) of an edge pixel from the window round it; 0 where the window holds none.
 
     Where the depths span no gap, their mean. Else the mean of the nearest surface: the nearest
     depths of which a fifth of the valid ones (three at the least) lie within the gap, which
-    leaves out the stray pixels that sensors put between the two sides of a contour.
+    leaves out the stray pixels that sensors put between the two sides of a contour. ``window`` is
+    room for as many depths as it holds, and one.
     """
     height, width = depth.shape
     u0, u1 = max(u - radius, 0), min(u + radius, width - 1)
     v0, v1 = max(v - radius, 0), min(v + radius, height - 1)
-    near, far = np.float32(np.inf), np.float32(0)
-    total, count = np.float32(0), 0
+    near, far, total = np.float32(np.inf), np.float32(0), np.float32(0)
+    n = place(0)
     for row in range(v0, v1 + 1):
         for col in range(u0, u1 + 1):
-            z = depth[row, col]
-            if z > 0:
-                near, far = min(near, z), max(far, z)
-                total += z
-                count += 1
-    if count == 0:
+            z = depth[place(row), place(col)]
+            window[n] = z
+            near, far = min(near, z if z > 0 else np.float32(np.inf)), max(far, z)
+            total += z
+            n += place(z > 0)
+    if n == 0:
         return np.float32(0)
     ratio = np.float32(1 + gap)
-    if far <= near * ratio:
-        return total / np.float32(count)
-    support = max(3, (count + 4) // 5)
-    while near < np.inf:
-        bound, farther = near * ratio, np.float32(np.inf)
-        total, count = np.float32(0), 0
-        for row in range(v0, v1 + 1):
-            for col in range(u0, u1 + 1):
-                z = depth[row, col]
-                if near <= z <= bound:
-                    total += z
-                    count += 1
-                if z > near:
-                    farther = min(farther, z)
-        if count >= support:
-            return total / np.float32(count)
-        near = farther
-    return np.float32(0)
+    if far > near * ratio:
+        near = nearest_surface(window, n, ratio, max(3, (int(n) + 4) // 5))
+        total, count = np.float32(0), place(0)
+        for i in range(n):
+            z = window[i]
+            is_near = (z >= near) & (z <= near * ratio)
+            total += z if is_near else np.float32(0)
+            count += place(is_near)
+        n = count
+    return total / np.float32(n) if n > 0 else np.float32(0)
 
 
 @compiled
@@ -1041,6 +1056,7 @@ def depths_at(depth: F32, index: I32, radius: int, gap: float, depths: F32) -> N
     """Write the depth of each edge given by its flat index."""
     height, width = depth.shape
     per_width, ratio, flat = 1 / width, np.float32(1 + gap), depth.ravel()
+    window = room_for_window(radius)
     zero, infinite = np.float32(0), np.float32(np.inf)
     side = 2 * radius + 1
     for i in range(index.size):
@@ -1058,7 +1074,7 @@ def depths_at(depth: F32, index: I32, radius: int, gap: float, depths: F32) -> N
         if count > 0 and far <= near * ratio:
             depths[i] = total / np.float32(count)
         else:
-            depths[i] = depth_at(depth, u, v, radius, gap)
+            depths[i] = depth_at(depth, u, v, radius, gap, window)
 
 
 # --------------------------------------------------------------------------------------- planes
@@ -1625,6 +1641,7 @@ def delayed_depths(
     none is found the last one stays.
     """
     height, width = depth.shape
+    window = room_for_window(radius)
     for k in range(which.size):
         v0 = index[which[k]] // width
         u0 = index[which[k]] - v0 * width
@@ -1639,7 +1656,7 @@ def delayed_depths(
             if u != before_u or v != before_v:  # else the depth there is known
                 if not (0 <= u < width and 0 <= v < height):
                     break
-                z = depth_at(depth, u, v, radius, gap)
+                z = depth_at(depth, u, v, radius, gap, window)
             if z == 0 or not z - dz > MIN_DEPTH:
                 break
             depths[k] = z - dz
@@ -1795,6 +1812,7 @@ def fit_edge_depths(
     patches = np.empty(((2 * ACROSS + 1) * (2 * HALF_LENGTH + 1), most), np.float32)
     u, v, gu, gv, noise, near, found, known = np.empty((8, most))
     asked, shifts = np.empty(most, np.int64), np.zeros((most, 3))
+    window = room_for_window(radius)
     for first in range(0, depths.size, PATCHES):
         count = min(depths.size - first, PATCHES)
         for i in range(count):
@@ -1832,7 +1850,7 @@ def fit_edge_depths(
                     row, col = int(np.floor(v[j] + 0.5)), int(np.floor(u[j] + 0.5))
                     if not (0 <= col < width and 0 <= row < height):
                         continue
-                    z = float(depth_at(depth, col, row, radius, gap))
+                    z = float(depth_at(depth, col, row, radius, gap, window))
                 z_there = z - shifts[i, 2]
                 if z <= 0 or not z_there > MIN_DEPTH:
                     known[i] = known[i] if delayed else 0.0
@@ -1845,10 +1863,12 @@ def fit_edge_depths(
 
 
 @lean
-def rough_depth(depth: F32, u: int, v: int, radius: int, gap: float, roughly: bool) -> np.float32:
+def rough_depth(
+    depth: F32, u: int, v: int, radius: int, gap: float, roughly: bool, window: F32
+) -> np.float32:
     """Depth (m) of an edge pixel, ``roughly`` its own if it has any; 0 where there is none."""
     z = depth[v, u] if roughly else np.float32(0)
-    return z if z > MIN_DEPTH else depth_at(depth, u, v, radius, gap)
+    return z if z > MIN_DEPTH else depth_at(depth, u, v, radius, gap, window)
 
 
 @compiled
@@ -1919,6 +1939,7 @@ def draw_samples(
     per_width = 1 / width
     n = index.size
     start, pool = sort_by_cell(index, height, width, cell_px)
+    window = room_for_window(radius)
     state = np.empty(1, np.uint64)
     state[0] = np.uint64(seed)
     found = np.full(n, np.float32(-1))  # depth of what was drawn; 0 where it has none
@@ -1935,7 +1956,7 @@ def draw_samples(
             i = draw(pool, first, last, state)
             first += 1
             v, u = row_and_column(index[i], per_width, width)
-            found[i] = rough_depth(depth, u, v, radius, gap, roughly)
+            found[i] = rough_depth(depth, u, v, radius, gap, roughly, window)
             if found[i] > 0:
                 taken += 1
                 left -= 1
@@ -1949,7 +1970,7 @@ def draw_samples(
         i = draw(pool, first, rest, state)
         first += 1
         v, u = row_and_column(index[i], per_width, width)
-        found[i] = rough_depth(depth, u, v, radius, gap, roughly)
+        found[i] = rough_depth(depth, u, v, radius, gap, roughly, window)
         if found[i] > 0:
             left -= 1
     return list_drawn(found, samples, depths)
@@ -1986,6 +2007,7 @@ def draw_informative(
     per_width = 1 / width
     n = index.size
     start, pool = sort_by_cell(index, height, width, cell_px)
+    window = room_for_window(radius)
     state = np.empty(1, np.uint64)
     state[0] = np.uint64(seed)
     found = np.zeros(n, np.float32)
@@ -2010,7 +2032,7 @@ def draw_informative(
             while at < min(end, last):
                 i = draw(pool, at, last, state)
                 v, u = row_and_column(index[i], per_width, width)
-                z = rough_depth(depth, u, v, radius, gap, roughly)
+                z = rough_depth(depth, u, v, radius, gap, roughly, window)
                 if not z > 0:  # it is not asked again; what stood in front takes its place
                     pool[at], pool[first[c]] = pool[first[c]], pool[at]
                     best = at if best == first[c] else best
