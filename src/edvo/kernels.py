@@ -995,21 +995,21 @@ def plane_through(sums: Sums) -> tuple[float, float, float, float, float]:
 
 @compiled
 def room_for_window(radius: int) -> F32:
-    """Make room for the depths that `depth_at` looks at, and one more."""
-    return np.empty((2 * radius + 1) ** 2 + 1, np.float32)
+    """Make room for the depths that `depth_at` looks at, shape ((2 * radius + 1)^2,)."""
+    return np.empty((2 * radius + 1) ** 2, np.float32)
 
 
 @lean
 def nearest_surface(depths: F32, n: np.uint64, ratio: np.float32, support: int) -> np.float32:
-    """Nearest of the first n depths of which ``support`` lie up to ``ratio`` times as far; or 0.
+    """Nearest of the first n depths (m) that has ``support`` of them at up to ``ratio`` times it.
 
-    No branch within: which of them are near is not foreseen.
+    0 where none has. No branch within: which of them are near is not foreseen.
     """
     nearest = np.float32(np.inf)
     for i in range(n):
         near = depths[i]
         bound, count = near * ratio, np.int32(0)
-        for j in range(n):  # as many numbers to a vector as there are depths: no wider ones
+        for j in range(n):  # counted in 32 bits, as depths have: 64 take 1.4 times as long
             count = np.int32(count + np.int32((depths[j] >= near) & (depths[j] <= bound)))
         nearest = min(nearest, near if count >= support else np.float32(np.inf))
     return nearest if nearest < np.inf else np.float32(0)
@@ -1022,7 +1022,7 @@ def depth_at(depth: F32, u: int, v: int, radius: int, gap: float, window: F32) -
     Where the depths span no gap, their mean. Else the mean of the nearest surface: the nearest
     depths of which a fifth of the valid ones (three at the least) lie within the gap, which
     leaves out the stray pixels that sensors put between the two sides of a contour. ``window`` is
-    room for as many depths as it holds, and one.
+    room to work in, by `room_for_window`.
     """
     height, width = depth.shape
     u0, u1 = max(u - radius, 0), min(u + radius, width - 1)
