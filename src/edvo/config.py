@@ -424,6 +424,13 @@ class MotionConfig(Section):
         "them while tracking; as stamps tell it; or taken to be none. With planes.weight. Not in "
         "the paper",
     )
+    repeated_depth: Literal["recognised", "new"] = Field(
+        default="recognised",
+        description="depth that is to the bit that of the frame before, as from a camera that "
+        "takes fewer depth images than colour images: recognised, so that it is taken to be of the "
+        "instant of that one, and to say nothing of what has happened since; or taken for new. Not "
+        "in the paper",
+    )
     readout: Literal["measured", "known", "none"] = Field(
         default="measured",
         description="from the first row of an image to the last, for what the camera moves by in "
@@ -732,6 +739,7 @@ PRESETS: dict[str, dict[str, Any]] = {
             "search_deg": 0.0,
             "prior_stride": 4,
             "depth_delay": "none",
+            "repeated_depth": "new",
             "readout": "none",
             "inertia": "none",
         },

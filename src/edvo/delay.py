@@ -106,7 +106,7 @@ class DepthDelay:
         Lag
         """
         delay = self._of(seen.frame.depth_delay)
-        if abs(delay) < LEAST_S:
+        if abs(delay) < LEAST_S or seen.is_stale:
             return AT_ONCE
         share = delay / period
         follows = max(share, LEAST_SHARE)
@@ -173,7 +173,7 @@ class DepthDelay:
             A frame that is to be trusted.
         """
         alignment, seen = moment.alignment, moment.seen
-        if not self.estimate.wanted or not alignment.depth_balance:
+        if not self.estimate.wanted or not alignment.depth_balance or seen.is_stale:
             return
         T = alignment.T_ref_cur
         as_stamped = T @ se3.exp(moment.velocity * _credible(seen.frame.depth_delay))

@@ -190,6 +190,8 @@ class Doubt:
         (Status, str)
             As they are then.
         """
+        if seen.is_stale:
+            return status, reason
         timestamp, limits = seen.frame.timestamp, self._limits
         with self._clock("witness"):
             conflict, T_world_cam, surface = self._conflict(seen, alignment)

@@ -150,6 +150,24 @@ class Frame:
         taken = np.may_share_memory(grey, colour) or np.may_share_memory(metres, depth)
         return cls(timestamp, grey, metres, depth_delay, is_own or not taken)
 
+    def delayed(self, seconds: float) -> "Frame":
+        """Give the frame with another instant of its depth.
+
+        Parameters
+        ----------
+        seconds : float
+            ``depth_delay``.
+
+        Returns
+        -------
+        Frame
+            Of the same images.
+        """
+        other = copy.copy(self)  # not looked through again
+        object.__setattr__(other, "depth_delay", seconds)
+        object.__setattr__(other, "_copy", None)
+        return other
+
     def kept(self) -> "Frame":
         """Give the frame with images that nobody writes to.
 

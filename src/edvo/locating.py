@@ -206,9 +206,15 @@ class Locator:
         far: bool = False,
         first_sigma_px: float = 0.0,
     ) -> Alignment:
-        """Register with the keyframe; for the parameters see `Registration.align`."""
+        """Register with the keyframe; for the parameters see `Registration.align`.
+
+        Depth that repeats lies where the camera is expected: that is one guess, however many points
+        it has. How far off the planes it is says nothing of depth.
+        """
         key = self._course.key
-        return self._registration.align(
+        if seen.is_stale:
+            term = term._replace(weight=term.weight / max(len(seen.points.sigma), 1))
+        found = self._registration.align(
             key.edges_for(near=seen.is_near),
             seen.samples,
             starts,
@@ -220,6 +226,10 @@ class Locator:
             far=far,
             first_sigma_px=first_sigma_px,
         )
+        if not seen.is_stale:
+            return found
+        balance = found.depth_balance / found.sigma_depth**2
+        return replace(found, sigma_depth=1.0, depth_balance=balance)
 
     def _widely(
         self, seen: Seen, starts: NDArray[np.float64], term: DepthTerm, found: Alignment

@@ -1,6 +1,7 @@
 """The main loop: one frame in, one pose out (§III-§V)."""
 
 import logging
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,7 @@ from edvo.recovery import Recovery
 from edvo.registration import Alignment, Registration
 from edvo.search import Search, Seen
 from edvo.sharing import SharedErrors
+from edvo.stale import StaleDepth
 from edvo.standing import Standing
 from edvo.status import Judge, Status
 from edvo.tracked import Record, TrackedFrame
@@ -136,7 +138,7 @@ class Odometry:
             self._judge,
             self._search,
         )
-        self._freeze = Freeze()
+        self._freeze, self._stale = Freeze(), StaleDepth()
         self._inertia = Inertia(self.config)
         self._fresh = 0  # index of the last new image
         self._is_fine = False  # whether its depth was looked at closely
@@ -196,9 +198,14 @@ class Odometry:
         if self._freeze.repeats(frame):
             return self._hold(frame.timestamp)
         self._fresh = self._record.count
+        is_stale = False
+        if self.config.motion.repeated_depth == "recognised":
+            frame, is_stale = self._stale.dated(frame, self._course.T_world_last)
         detail = self._detail(frame.timestamp)
         seen = self._front_end.see(frame, self._record.count, self._lead(frame), detail)
         self._is_fine = seen.is_fine
+        if is_stale:
+            seen = self._stale_seen(seen)
         least = self.config.registration.min_matches
         if len(seen.samples) < least:
             few = f"{len(seen.samples)} edges with depth; {least} needed"
@@ -250,6 +257,16 @@ class Odometry:
         self._upkeep.catch_up()
         self._rewind(timestamp)
         return self._lose(timestamp, reason)
+
+    def _stale_seen(self, seen: Seen) -> Seen:
+        """Take depth that repeats for what it is; not where it alone tells, or something moves."""
+        timestamp = seen.frame.timestamp
+        if self._depth_alone.has_to_tell(seen.samples) or self._standing.is_moving(timestamp):
+            return seen
+        age = self._stale.frozen_for(timestamp, self._course.T_world_last)
+        if age:
+            self._doubt.cast(timestamp, f"depth stayed the same image for {age:.1f} s")
+        return replace(seen, is_stale=True)
 
     def _give_up(self, seen: Seen, reason: str, alignment: Alignment | None) -> TrackedFrame:
         """Go on by depth where there are hardly any edges, or begin anew; else it is lost."""
@@ -359,9 +376,10 @@ class Odometry:
         doubt.is_sure = status is Status.TRACKED
         if doubt.is_sure:
             doubt.note_sure(timestamp, course.T_key_last)
-            self._judge.note(alignment)
+            self._judge.note(alignment, is_stale=seen.is_stale)
             self._front_end.note(registered, alignment)
-            self._shared.note(key.edges.edges, alignment, period, *compared)
+            asked = () if seen.is_stale else compared
+            self._shared.note(key.edges.edges, alignment, period, *asked)
             with self._clock("registration"):
                 self._instants.note(key, registered, alignment, period)
             course.note_tracked(period)

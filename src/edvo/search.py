@@ -61,6 +61,8 @@ class Seen:
         Whether its points lie closely.
     is_near : bool
         Whether all edges of the keyframe may count.
+    is_stale : bool
+        Whether its depth is that of the frame before, moved by what the camera was expected to.
     """
 
     frame: Frame
@@ -70,6 +72,7 @@ class Seen:
     T_cam_depth: NDArray[np.float64] | None = None
     is_fine: bool = False
     is_near: bool = False
+    is_stale: bool = False
 
     def kept(self) -> "Seen":
         """Give the same with images that nobody writes to, as the next frame may to those it has.

@@ -143,7 +143,7 @@ class Standing:
         if not self._leaves_out or period > LONGEST_PREDICTION_S:
             return None
         still = self._stand_still(seen)
-        if still is None or not self._doubt.finds_motion(seen, still.alignment):
+        if still is None or seen.is_stale or not self._doubt.finds_motion(seen, still.alignment):
             return None
         return still
 

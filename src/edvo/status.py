@@ -14,6 +14,7 @@ from edvo.scatter import Scatter, fitting_depth
 
 MILD_SIGMA = 1.5  # times the sensor's noise, up to which depth raises no doubt
 FADING = 0.97  # a frame, of the worst fit of depth seen of late
+MOST_UNASKED = 2  # frames in a row whose depth tells nothing, that what follows is pardoned for
 AS_A_WHOLE = 0.7  # of the edges agree: of people who are followed, hardly ever so many
 CHANCE = 0.28  # a quarter of the samples agree by chance where edges are dense
 
@@ -46,16 +47,25 @@ class Judge:
         self._alone_share = config.planes.alone_share
         self.scatter = Scatter(config)
         self._usual = math.inf  # the largest sigma_depth of late
+        self._unasked = 0  # frames since, whose depth told nothing
 
-    def note(self, alignment: Alignment) -> None:
+    def note(self, alignment: Alignment, *, is_stale: bool = False) -> None:
         """Take note of a registration that is to be trusted.
 
         How badly edges and depth fit differs from camera to camera more than it does in time.
+
+        Parameters
+        ----------
+        alignment : Alignment
+        is_stale : bool, optional
+            Whether its depth is that of the frame before.
         """
         self.scatter.note(alignment)
-        if alignment.depth_balance:
+        if alignment.depth_balance and not is_stale:
             faded = 0.0 if math.isinf(self._usual) else FADING * self._usual
-            self._usual = max(alignment.sigma_depth, faded)
+            self._usual, self._unasked = max(alignment.sigma_depth, faded), 0
+        else:
+            self._unasked = min(self._unasked + 1, MOST_UNASKED)
 
     def judge(
         self, alignment: Alignment, speed: float, turn: float, *, follows: bool = False
@@ -154,8 +164,8 @@ class Judge:
 
     @property
     def _tolerated(self) -> float:
-        """The largest sigma_depth that raises no doubt."""
-        return max(self._status.depth_jump * self._usual, MILD_SIGMA)
+        """The largest sigma_depth that raises no doubt: it grows on the way from the keyframe."""
+        return max(self._status.depth_jump * (1 + self._unasked) * self._usual, MILD_SIGMA)
 
     def _off(self, alignment: Alignment) -> str:
         times = alignment.sigma_depth / self._usual

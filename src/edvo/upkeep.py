@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from edvo import se3
 from edvo.course import Course
+from edvo.delay import LARGEST_S
 from edvo.frame import Frame
 from edvo.gathering import gather, may_gather
 from edvo.information import Information
@@ -125,7 +126,10 @@ class Upkeep:
             better = self._information.is_better(covariance, period)
         certain = self._course.anchor is None
         close = is_whole and velocity is not None
-        due = certain and is_due(rule, T_key_cur, share, age, well_placed=better, close=close)
+        # depth that is its own makes the better one, unless it is long in coming
+        waits = seen.is_stale and seen.frame.depth_delay > -LARGEST_S
+        due = certain and not waits
+        due = due and is_due(rule, T_key_cur, share, age, well_placed=better, close=close)
         # one that has gathered the last frame's edges, and serves no better, gives way
         fresh = seen.frame.timestamp - key.gathered_at > 1.5 * period
         gathers = due and fresh and seen.is_near and is_whole

@@ -85,6 +85,11 @@ def frozen(moment: Moment) -> Frame:
     return replace(moment.last, timestamp=moment.seen.timestamp)
 
 
+def stale_depth(moment: Moment) -> Frame:
+    """Show the last depth again, to the bit, behind new images."""
+    return replace(moment.seen, depth=moment.last.depth)
+
+
 def swapped(moment: Moment) -> Frame:
     """Show what another camera sees."""
     return replace(moment.foreign, timestamp=moment.seen.timestamp)
@@ -109,6 +114,7 @@ BREAKAGES: dict[str, Callable[[Moment], Frame | None]] = {
     "frozen": frozen,
     "swapped": swapped,
     "without_depth": without_depth,
+    "stale_depth": stale_depth,
     "hand": hand,
     "arm": arm,
 }

@@ -1,0 +1,74 @@
+"""Depth that repeats: fewer depth images than colour images, each handed out twice, or more often.
+
+Not in the paper. Pairs by nearest stamps have it, and drivers that hand out the last depth image
+with each colour image. Such depth says nothing of what has happened since. Taken for new it holds
+the camera where it was: it lies to the planes of the keyframe just as it lay there.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edvo import se3
+from edvo.delay import LARGEST_S
+from edvo.frame import Frame
+from edvo.freeze import FREEZE_S, glimpse
+
+LEAST_DEPTHS = 100  # of the pixels looked at: with fewer, two images may look the same by chance
+SOON_S = 1e-3  # instants that are one
+MOVED_M, MOVED_RAD = 0.02, math.radians(1.0)  # by which depth of before is wrong at edges
+
+
+class StaleDepth:
+    """Remembers the last depth image that was a new one, when it was taken, and where."""
+
+    def __init__(self) -> None:
+        self._sight = np.empty((0, 0), np.float32)
+        self._time = -math.inf
+        self._T_world_cam = np.eye(4)
+
+    def dated(self, frame: Frame, T_world_last: NDArray[np.float64]) -> tuple[Frame, bool]:
+        """Say when the depth of a frame was taken, if it is the very same as that of the last one.
+
+        Parameters
+        ----------
+        frame : Frame
+        T_world_last : ndarray of float64, shape (4, 4)
+            Where the last one was.
+
+        Returns
+        -------
+        (Frame, bool)
+            With its delay, and whether it is that of the last frame.
+        """
+        sight = glimpse(frame.depth)
+        time = frame.timestamp + frame.depth_delay
+        repeats = np.array_equal(sight, self._sight) and np.count_nonzero(sight) >= LEAST_DEPTHS
+        if not repeats or frame.timestamp < self._time:
+            self._sight, self._time, self._T_world_cam = sight, time, T_world_last.copy()
+            return frame, False
+        if abs(time - self._time) < SOON_S:  # stamps say so, too
+            return frame, True
+        return frame.delayed(max(self._time - frame.timestamp, -LARGEST_S)), True
+
+    def frozen_for(self, timestamp: float, T_world_last: NDArray[np.float64]) -> float:
+        """Say for how long depth has been the same while the camera moved, if that is too long.
+
+        Parameters
+        ----------
+        timestamp : float
+            Of the frame, seconds.
+        T_world_last : ndarray of float64, shape (4, 4)
+            Where the last one was.
+
+        Returns
+        -------
+        float
+            Seconds; 0 where it is not too long, or the camera has hardly moved.
+        """
+        age = timestamp - self._time
+        if age <= FREEZE_S:
+            return 0.0
+        moved = np.abs(se3.log(se3.inverse(self._T_world_cam) @ T_world_last))
+        return age if moved[:3].max() > MOVED_M or moved[3:].max() > MOVED_RAD else 0.0
