@@ -109,6 +109,13 @@ def test_with_little_depth_two_images_may_look_the_same_by_chance():
         assert not stale.dated(frame(1 + k * PERIOD, image(share=0.05)), AT)[1]
 
 
+def test_a_wall_without_noise_looks_the_same_from_everywhere_along_it():
+    stale, wall = StaleDepth(), np.full((240, 320), 1.5)
+    wall[:, :40] = 0  # not measured
+    for k in range(3):
+        assert not stale.dated(frame(1 + k * PERIOD, wall), AT)[1]
+
+
 @pytest.mark.parametrize("twist", [(2, 0, 0, 0, 0, 0), (0, 0, 0, 0, -2, 0)])
 def test_it_is_frozen_once_the_camera_has_moved_and_time_has_passed(twist):
     stale, depth = StaleDepth(), image()

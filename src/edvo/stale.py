@@ -44,7 +44,7 @@ class StaleDepth:
         """
         sight = glimpse(frame.depth)
         time = frame.timestamp + frame.depth_delay
-        repeats = np.array_equal(sight, self._sight) and np.count_nonzero(sight) >= LEAST_DEPTHS
+        repeats = np.array_equal(sight, self._sight) and _can_tell(sight)
         if not repeats or frame.timestamp < self._time:
             self._sight, self._time, self._T_world_cam = sight, time, T_world_last.copy()
             return frame, False
@@ -72,3 +72,9 @@ class StaleDepth:
             return 0.0
         moved = np.abs(se3.log(se3.inverse(self._T_world_cam) @ T_world_last))
         return age if moved[:3].max() > MOVED_M or moved[3:].max() > MOVED_RAD else 0.0
+
+
+def _can_tell(sight: NDArray[np.float32]) -> bool:
+    """Whether two depth images that look like that are one: not those of a wall without noise."""
+    measured = sight[sight > 0]
+    return len(measured) >= LEAST_DEPTHS and float(np.ptp(measured)) > 0

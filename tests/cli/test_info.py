@@ -1,9 +1,11 @@
 import json
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
-from .conftest import CAMERA, Command
+from .conftest import CAMERA, HEIGHT, WIDTH, Command
 
 
 def test_says_what_is_assumed(edvo: Command, whole_sequence: Path) -> None:
@@ -70,3 +72,16 @@ def test_says_by_how_much_depth_is_later(
     assert [line for line in done.out.splitlines() if line.startswith("depth is")] == told
     checks = json.loads(edvo("info", sequence, "--json").out)["checks"]
     assert checks["depth delay"] == {"verdict": "sound", "median_s": late}
+
+
+def test_says_in_how_many_frames_depth_repeats(edvo: Command, sequence: Path) -> None:
+    assert "of the frames depth is" not in edvo("info", sequence).out  # that of a flat wall
+    images = sorted((sequence / "depth").iterdir(), key=lambda path: int(path.stem))
+    for index, image in enumerate(images):
+        tilted = 5000 + 10 * np.arange(WIDTH) + index // 2
+        cv2.imwrite(str(image), np.tile(tilted.astype(np.uint16), (HEIGHT, 1)))
+    done = edvo("info", sequence)
+    share = f"{(len(images) // 2) / (len(images) - 1):.0%}"
+    assert f"in {share} of the frames depth is that of the frame before" in done.out.splitlines()
+    checks = json.loads(edvo("info", sequence, "--json").out)["checks"]
+    assert checks["repeated depth"]["verdict"] == "sound"

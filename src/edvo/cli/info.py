@@ -11,6 +11,7 @@ from edvo.config import Config
 from edvo.datasets.inspection import examine
 from edvo.datasets.inspection.delay import DEPTH_DELAY
 from edvo.datasets.inspection.depth_range import DEPTH_RANGE
+from edvo.datasets.inspection.repeats import REPEATED_DEPTH
 
 
 def info(
@@ -45,6 +46,8 @@ def info(
         if finding.check == DEPTH_DELAY and (delay := finding.measured["median_s"]):
             order = "after" if delay > 0 else "before"
             say(f"depth is {1e3 * abs(delay):.3g} ms {order} colour (median of the stamps)")
+        if finding.check == REPEATED_DEPTH and (share := finding.measured.get("share")):
+            say(f"in {share:.0%} of the frames depth is that of the frame before")
         if finding.undecided:
             say(f"not checked: {finding.check}: {finding.undecided}")
     for warning in warnings:

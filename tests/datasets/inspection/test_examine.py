@@ -18,7 +18,9 @@ from edvo.datasets.inspection.depth_steps import check_depth_steps
 from edvo.datasets.inspection.light import check_darkness, check_exposure
 from edvo.datasets.inspection.order import check_order, check_stamps
 from edvo.datasets.inspection.registration import check_registration
+from edvo.datasets.inspection.repeats import check_repeats
 from edvo.datasets.inspection.step import check_step
+from edvo.datasets.inspection.thumbnail import thumbnail
 from edvo.frame import Frame
 
 from .faults import (
@@ -281,3 +283,17 @@ def test_the_delay_of_depth_is_the_median_of_the_stamps(handheld: Remembered) ->
     assert finding.measured == {"median_s": 0.011}
     assert finding.verdict == "sound"
     assert found(handheld)["depth delay"].measured == {"median_s": 0.0}
+
+
+def test_depth_that_repeats_is_counted_but_not_where_all_repeats(handheld: Remembered) -> None:
+    frames = [handheld.read(i).frame for i in range(5)]
+    assert not any(frame is None for frame in frames)
+    new = [frame for frame in frames if frame is not None]
+    twice = [replace(new[i], depth=new[i // 2 * 2].depth) for i in range(5)]
+    frozen = [replace(new[0], timestamp=i / 30) for i in range(5)]
+    for given, share in ((new, 0.0), (twice, 0.5), (frozen, 0.0)):
+        finding = check_repeats([[thumbnail(frame) for frame in given]])
+        assert finding.measured == {"share": share}
+        assert finding.verdict == "sound"
+    assert check_repeats([[thumbnail(new[0])]]).verdict == "not observable"
+    assert found(handheld)["repeated depth"].measured == {"share": 0.0}

@@ -15,6 +15,7 @@ from edvo.datasets.inspection.light import check_darkness, check_exposure
 from edvo.datasets.inspection.looks import Looks, look_at
 from edvo.datasets.inspection.order import check_order, check_stamps
 from edvo.datasets.inspection.registration import check_registration
+from edvo.datasets.inspection.repeats import check_repeats
 from edvo.datasets.inspection.step import check_step
 from edvo.datasets.inspection.truth import check_truth
 from edvo.datasets.inspection.walk import walk_all
@@ -65,6 +66,7 @@ def _look(looks: Looks) -> Iterator[Finding]:
     yield check_depth_range(frames, camera.depth_scale)
     yield check_depth_steps(frames, camera.depth_scale)
     yield check_delay(frames)
+    yield check_repeats(looks.spans)
     yield check_registration(frames)
     yield check_order(looks.spans)
     yield check_step(looks.spans, looks.interval)
