@@ -65,6 +65,35 @@ def test_writes_what_run_writes(edvo: Command, whole_sequence: Path, tmp_path: P
     assert summary["interrupted"] is False
 
 
+def test_a_mask_leaves_out_what_is_not_of_the_scene(
+    edvo: Command, whole_sequence: Path, tmp_path: Path
+) -> None:
+    shown = np.full((120, 160), 255, np.uint8)
+    shown[:, :80] = 0
+    mask = tmp_path / "mask.png"
+    cv2.imwrite(str(mask), shown)
+    device, found = f"replay:{whole_sequence}", []
+    for name, more in (("out", ("--mask", mask)), ("all", ())):
+        done = edvo("live", device, "-o", tmp_path / name, "--max-frames", 1, *more)
+        assert done.status == 0, done.err
+        (row,) = rows(tmp_path / name)
+        found.append(int(row["samples"]))
+    assert 0.2 < found[0] / found[1] < 0.8
+    summary = json.loads((tmp_path / "out/summary.json").read_text())
+    assert summary["source"]["mask"] == {"path": str(mask), "left_out": 0.5}
+
+
+def test_a_mask_of_another_size_is_told_at_once(
+    edvo: Command, whole_sequence: Path, tmp_path: Path
+) -> None:
+    mask = tmp_path / "mask.png"
+    cv2.imwrite(str(mask), np.eye(30, dtype=np.uint8))
+    done = edvo("live", f"replay:{whole_sequence}", "-o", tmp_path / "out", "--mask", mask)
+    assert done.status == 1
+    assert done.err.splitlines()[-1].endswith("give one of their size")
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_camera_that_fails_leaves_its_results(
     edvo: Command, whole_sequence: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -158,6 +158,12 @@ def test_a_mask_leaves_out_what_is_not_of_the_scene(
         sum(int(row["samples"]) for row in rows(tmp_path / name)) for name in ("out", "all")
     )
     assert 0.2 < fewer / every < 0.8
+    summaries = [
+        json.loads((tmp_path / name / "summary.json").read_text())["source"]
+        for name in ("out", "all")
+    ]
+    assert summaries[0]["mask"] == {"path": str(mask), "left_out": 0.5}
+    assert "mask" not in summaries[1]
 
 
 def test_a_mask_of_another_size(edvo: Command, whole_sequence: Path, tmp_path: Path) -> None:

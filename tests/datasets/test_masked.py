@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from edvo.datasets.masked import MaskedSource, read_mask
+from edvo.datasets.masked import Mask, MaskedSource, read_mask
 from edvo.datasets.source import Reading
 from edvo.errors import DatasetError
 from edvo.odometry import Odometry, Status
@@ -37,7 +37,7 @@ class Printed(MaskedSource):
 @pytest.fixture(scope="module")
 def source() -> Printed:
     rendered = SyntheticSource(make_recipe("cabinet", frames=FRAMES, seed=3))
-    return Printed(rendered, np.zeros((480, 640), np.bool_))
+    return Printed(rendered, Mask(Path("none"), np.zeros((480, 640), np.bool_)))
 
 
 @pytest.fixture
@@ -65,9 +65,12 @@ def test_print_drags_the_camera_along(source: Printed) -> None:
 
 
 def test_masked_it_does_not(source: Printed, mask: Path) -> None:
-    left_out = read_mask(mask, source.camera)
+    read = read_mask(mask, source.camera)
+    left_out = read.left_out
     assert 0.02 < left_out.mean() < 0.3
-    masked = MaskedSource(source, left_out)
+    masked = MaskedSource(source, read)
+    told = {"path": str(mask), "left_out": round(float(left_out.mean()), 4)}
+    assert masked.describe()["mask"] == told
     off, statuses = off_by(masked)
     assert off < 0.003
     assert statuses == {Status.TRACKED}
@@ -79,7 +82,7 @@ def test_masked_it_does_not(source: Printed, mask: Path) -> None:
 
 def test_where_no_depth_is_left_it_says_so(source: Printed) -> None:
     seen = source.read(0).frame.depth > 0
-    reading = MaskedSource(source, seen).read(0)
+    reading = MaskedSource(source, Mask(Path("all"), seen)).read(0)
     assert reading.frame is None
     assert "beyond the mask" in reading.problem
 
@@ -89,7 +92,7 @@ def test_colours_count_by_what_is_black(source: Printed, tmp_path: Path) -> None
     image[:100, :, :3] = 0
     image[200:, :, :2] = 0  # red
     cv2.imwrite(str(tmp_path / "m.png"), image)
-    left_out = read_mask(tmp_path / "m.png", source.camera)
+    left_out = read_mask(tmp_path / "m.png", source.camera).left_out
     assert left_out[:100].all()
     assert not left_out[100:].any()
 

@@ -18,6 +18,7 @@ from edvo.cli.terminal import note, say, status_line
 from edvo.cli.view import View
 from edvo.clock import StageClock
 from edvo.datasets.devices import Device, device_kinds, open_device
+from edvo.datasets.masked import Mask, read_mask
 from edvo.errors import DatasetError, EdvoError
 from edvo.files import output_folder
 from edvo.odometry import Odometry, Status
@@ -44,6 +45,7 @@ def live(
     overrides: list[str],
     seed: int | None,
     camera: str | None,
+    mask: Path | None,
     max_frames: int | None,
     view: bool,
     save_view: Path | None,
@@ -52,6 +54,7 @@ def live(
     config = configure(preset, config_file, overrides, seed)
     viewing = View(view, save_view)
     with closing(open_device(which, camera=camera)) as device:
+        left_out = None if mask is None else read_mask(mask, device.camera)
         if device.sensor is not None and not _names_sensor(config_file, overrides):
             config = config.with_overrides([f"planes.sensor={device.sensor}"])
             note(f"{device.name}: depth is taken to be as noisy as a {device.sensor}'s")
@@ -61,8 +64,8 @@ def live(
         clock = StageClock()
         odometry = Odometry(device.camera, config, clock=clock)
         note(f"{device.name}: tracking; Ctrl-C ends it and keeps the results")
-        with viewing.open(Seen(device), config) as viewer:
-            done, failure = _track(device, Shown(odometry, viewer), max_frames, clock)
+        with viewing.open(Seen(device, left_out), config) as viewer:
+            done, failure = _track(device, left_out, Shown(odometry, viewer), max_frames, clock)
             if not done.frames:
                 raise failure or DatasetError(f"{device.name}: no frame came before the end")
             errors = errors_of(done)
@@ -84,7 +87,7 @@ def _names_sensor(config_file: Path | None, overrides: list[str]) -> bool:
 
 
 def _track(
-    device: Device, shown: Shown, max_frames: int | None, clock: StageClock
+    device: Device, mask: Mask | None, shown: Shown, max_frames: int | None, clock: StageClock
 ) -> tuple[Run, EdvoError | None]:
     # Who runs a camera as a service ends it by SIGTERM, and wants the results too.
     with (
@@ -98,7 +101,13 @@ def _track(
             line.after(record, dropped)
 
         return track_device(
-            device, shown, max_frames=max_frames, clock=clock, on_frame=after, stop=stop
+            device,
+            shown,
+            mask=mask,
+            max_frames=max_frames,
+            clock=clock,
+            on_frame=after,
+            stop=stop,
         )
 
 

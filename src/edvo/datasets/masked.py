@@ -4,8 +4,9 @@ It stays where it is in all images, and says that the camera does. Where a mask 
 no edge is taken and no plane.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,49 @@ from edvo.datasets.source import Reading, Source
 from edvo.errors import DatasetError, FrameError
 
 
-def read_mask(path: Path, camera: Camera) -> NDArray[np.bool_]:
+@dataclass(frozen=True, eq=False)
+class Mask:
+    """What is left out of all images of a camera.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        Where it was read from.
+    left_out : ndarray of bool, shape (H, W)
+        True where depth is left out.
+    """
+
+    path: Path
+    left_out: NDArray[np.bool_]
+
+    def on(self, reading: Reading) -> Reading:
+        """Leave out depth of a frame; a problem is passed on.
+
+        Parameters
+        ----------
+        reading : Reading
+            Of images of its size.
+
+        Returns
+        -------
+        Reading
+            The same with another depth image, or the problem that none is left.
+        """
+        if reading.frame is None:
+            return reading
+        depth = np.where(self.left_out, np.float32(0), reading.frame.depth)
+        try:
+            return replace(reading, frame=replace(reading.frame, depth=depth))
+        except FrameError as error:
+            problem = f"frame {reading.stamp} beyond the mask: {error}"
+            return replace(reading, frame=None, problem=problem)
+
+    def describe(self) -> dict[str, Any]:
+        """Give its path, and what share of an image it leaves out, in plain types."""
+        return {"path": str(self.path), "left_out": round(float(self.left_out.mean()), 4)}
+
+
+def read_mask(path: Path, camera: Camera) -> Mask:
     """Read a mask.
 
     Parameters
@@ -29,8 +72,7 @@ def read_mask(path: Path, camera: Camera) -> NDArray[np.bool_]:
 
     Returns
     -------
-    ndarray of bool, shape (H, W)
-        True where depth is left out.
+    Mask
 
     Raises
     ------
@@ -52,7 +94,7 @@ def read_mask(path: Path, camera: Camera) -> NDArray[np.bool_]:
     if left_out.all() or not left_out.any():
         which = "all" if left_out.all() else "nothing"
         raise DatasetError(f"mask {path} leaves out {which}; make black what is not of the scene")
-    return np.asarray(left_out, np.bool_)
+    return Mask(path, np.asarray(left_out, np.bool_))
 
 
 class MaskedSource(DerivedFrames):
@@ -61,13 +103,13 @@ class MaskedSource(DerivedFrames):
     Parameters
     ----------
     source : Source
-    left_out : ndarray of bool, shape (H, W)
-        Of the size of its images; True where depth is left out.
+    mask : Mask
+        Of the size of its images.
     """
 
-    def __init__(self, source: Source, left_out: NDArray[np.bool_]) -> None:
+    def __init__(self, source: Source, mask: Mask) -> None:
         super().__init__(source)
-        self._left_out = left_out
+        self._mask = mask
 
     def read(self, index: int) -> Reading:
         """Read a frame and leave out its depth; a problem is passed on.
@@ -80,14 +122,10 @@ class MaskedSource(DerivedFrames):
         Returns
         -------
         Reading
-            The source's, with another depth image, or the problem that none is left.
+            See `Mask.on`.
         """
-        reading = self._source.read(index)
-        if reading.frame is None:
-            return reading
-        depth = np.where(self._left_out, np.float32(0), reading.frame.depth)
-        try:
-            return replace(reading, frame=replace(reading.frame, depth=depth))
-        except FrameError as error:
-            problem = f"frame {reading.stamp} beyond the mask: {error}"
-            return replace(reading, frame=None, problem=problem)
+        return self._mask.on(self._source.read(index))
+
+    def describe(self) -> dict[str, Any]:
+        """Say what is assumed about the source, and by what it is masked, in plain types."""
+        return {**super().describe(), "mask": self._mask.describe()}

@@ -1,7 +1,8 @@
 """The loop for a camera: the newest frame through a tracker, until someone says stop."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from edvo.camera import Camera
 from edvo.clock import StageClock
 from edvo.datasets.devices.device import Device
+from edvo.datasets.masked import Mask
 from edvo.datasets.source import Reading, describe_timing
 from edvo.errors import EdvoError
 from edvo.live import Latest
@@ -25,9 +27,11 @@ class Seen:
     ----------
     device : Device
         The camera.
+    mask : Mask, optional
+        What is left out of its images.
     """
 
-    def __init__(self, device: Device) -> None:
+    def __init__(self, device: Device, mask: Mask | None = None) -> None:
         self.name: str = device.name
         self.path: Path = device.path
         self.format: str = device.format
@@ -35,6 +39,7 @@ class Seen:
         self.camera_origin: str = device.camera_origin
         self.ground_truth: Trajectory | None = device.ground_truth
         self.warnings: tuple[str, ...] = ()
+        self._mask = mask
         self.stamps: list[str] = []
         self._timestamps: list[float] = []
 
@@ -66,6 +71,7 @@ class Seen:
             "camera": {**self.camera.to_dict(), "origin": self.camera_origin},
             **describe_timing(self.timestamps),
             "warnings": [],
+            **({} if self._mask is None else {"mask": self._mask.describe()}),
         }
 
 
@@ -73,6 +79,7 @@ def track_device(
     device: Device,
     tracker: Tracker,
     *,
+    mask: Mask | None = None,
     max_frames: int | None = None,
     clock: StageClock | None = None,
     on_frame: Callable[[FrameRecord, int], None] | None = None,
@@ -86,6 +93,8 @@ def track_device(
         The camera; it is closed at the end.
     tracker : Tracker
         What tracks; an `edvo.Odometry` for instance.
+    mask : Mask, optional
+        What is left out of each image.
     max_frames : int, optional
         End after so many tracked frames.
     clock : StageClock, optional
@@ -103,10 +112,10 @@ def track_device(
     EdvoError or None
         What ended it, if the camera failed.
     """
-    seen, records, failure = Seen(device), list[FrameRecord](), None
+    seen, records, failure = Seen(device, mask), list[FrameRecord](), None
     begin = time.perf_counter()
     try:
-        with Latest(device.readings(), stop) as latest:
+        with Latest(_shown(device, mask), stop) as latest:
             try:
                 for reading in latest:
                     records.append(track_reading(tracker, reading, clock))
@@ -123,3 +132,10 @@ def track_device(
     wall_s = time.perf_counter() - begin
     measured = measured_by(tracker)
     return Run(seen, records, len(records), wall_s, dropped, measured), failure
+
+
+def _shown(device: Device, mask: Mask | None) -> Generator[Reading, None, None]:
+    """Give what a camera shows, without what is left out."""
+    with closing(device.readings()) as readings:
+        for reading in readings:
+            yield reading if mask is None else mask.on(reading)

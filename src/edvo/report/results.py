@@ -160,6 +160,7 @@ def summarise(run: Run, config: Config, evaluation: Evaluation | None = None) ->
             "path": str(source.path),
             "format": source.format,
             "frames": len(source),
+            **{key: value for key, value in source.describe().items() if key == "mask"},
         },
         "camera": {**source.camera.to_dict(), "origin": source.camera_origin},
         "frames": {

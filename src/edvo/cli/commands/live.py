@@ -8,6 +8,7 @@ import typer
 from edvo.cli.commands.options import (
     CameraFile,
     ConfigFile,
+    MaskFile,
     Overrides,
     Preset,
     SaveView,
@@ -32,6 +33,7 @@ def live(
     overrides: Overrides = None,
     seed: Seed = None,
     camera: CameraFile = None,
+    mask: MaskFile = None,
     max_frames: Annotated[
         int | None, typer.Option(help="End after so many tracked frames.", min=1)
     ] = None,
@@ -59,6 +61,7 @@ def live(
         overrides=overrides or [],
         seed=seed,
         camera=camera,
+        mask=mask,
         max_frames=max_frames,
         view=view,
         save_view=save_view,

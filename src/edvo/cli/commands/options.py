@@ -30,7 +30,7 @@ MaskFile = Annotated[
     Path | None,
     typer.Option(
         "--mask",
-        help="Image of the size of the recording's, black where it does not show the scene but "
+        help="Image of the size of the camera's, black where it does not show the scene but "
         "print, a gripper, or a part of the robot.",
         metavar="FILE",
     ),
