@@ -428,8 +428,9 @@ class MotionConfig(Section):
         default="recognised",
         description="depth that is to the bit that of the frame before, as from a camera that "
         "takes fewer depth images than colour images: recognised, so that it is taken to be of the "
-        "instant of that one, and to say nothing of what has happened since; or taken for new. Not "
-        "in the paper",
+        "instant of that one, and to say nothing of what has happened since; or taken for new. "
+        "What it shows is moved where depth_delay is not none, with planes.weight. Not in the "
+        "paper",
     )
     readout: Literal["measured", "known", "none"] = Field(
         default="measured",

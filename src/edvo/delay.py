@@ -88,7 +88,7 @@ class DepthDelay:
         """From the instant of the image to that of depth, seconds."""
         if not self._is_on:
             return 0.0
-        return min(max(_credible(stamped) + self.seconds, -LARGEST_S), LARGEST_S)
+        return min(max(credible(stamped) + self.seconds, -LARGEST_S), LARGEST_S)
 
     def lag(self, seen: Seen, T_key_last: NDArray[np.float64], period: float) -> Lag:
         """Say when depth was taken, for a registration to move it along with the pose.
@@ -176,7 +176,7 @@ class DepthDelay:
         if not self.estimate.wanted or not alignment.depth_balance or seen.is_stale:
             return
         T = alignment.T_ref_cur
-        as_stamped = T @ se3.exp(moment.velocity * _credible(seen.frame.depth_delay))
+        as_stamped = T @ se3.exp(moment.velocity * credible(seen.frame.depth_delay))
         if seen.T_cam_depth is not None:
             as_stamped = as_stamped @ se3.inverse(seen.T_cam_depth)
         H_planes, b_used = self._equations(moment, T)
@@ -212,6 +212,17 @@ class DepthDelay:
         return H, b
 
 
-def _credible(stamped: float) -> float:
-    """The delay that stamps tell, where they make sense."""
+def credible(stamped: float) -> float:
+    """Give the delay that stamps tell, where they make sense.
+
+    Parameters
+    ----------
+    stamped : float
+        From an image to its depth by their stamps, seconds.
+
+    Returns
+    -------
+    float
+        0 where that is so long that they are those of two clocks.
+    """
     return stamped if abs(stamped) <= LARGEST_S else 0.0

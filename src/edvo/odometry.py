@@ -259,7 +259,7 @@ class Odometry:
         return self._lose(timestamp, reason)
 
     def _stale_seen(self, seen: Seen) -> Seen:
-        """Take depth that repeats for what it is; not where it alone tells, or something moves."""
+        """Let depth that repeats count once; but not where it alone tells, or something moves."""
         timestamp = seen.frame.timestamp
         if self._depth_alone.has_to_tell(seen.samples) or self._standing.is_moving(timestamp):
             return seen
@@ -406,7 +406,7 @@ class Odometry:
             elif self._pieces.here:
                 status, reason = Status.DEGRADED, ANEW
         share = alignment.inliers / len(registered.samples)
-        if status is Status.TRACKED or (doubt.is_sure and reason == ANEW):
+        if not seen.is_stale and (status is Status.TRACKED or (doubt.is_sure and reason == ANEW)):
             self._upkeep.note_good(seen.frame, self._record.count, share)
         T_key_cur, is_keyframe = self._upkeep.attend(
             seen,

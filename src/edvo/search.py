@@ -62,7 +62,7 @@ class Seen:
     is_near : bool
         Whether all edges of the keyframe may count.
     is_stale : bool
-        Whether its depth is that of the frame before, moved by what the camera was expected to.
+        Whether its depth is that of a frame before, moved by what the camera was expected to.
     """
 
     frame: Frame

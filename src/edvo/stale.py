@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edvo import se3
-from edvo.delay import LARGEST_S
+from edvo.course import NOMINAL_PERIOD_S, SHORTEST_PERIOD_S
+from edvo.delay import LARGEST_S, credible
 from edvo.frame import Frame
 from edvo.freeze import FREEZE_S, glimpse
 
@@ -25,7 +26,9 @@ class StaleDepth:
 
     def __init__(self) -> None:
         self._sight = np.empty((0, 0), np.float32)
-        self._time = -math.inf
+        self._last = self._since = -math.inf  # stamps of the last frame, and of that image's
+        self._delay = 0.0  # of that image
+        self._times = 0  # that it has come again
         self._T_world_cam = np.eye(4)
 
     def dated(self, frame: Frame, T_world_last: NDArray[np.float64]) -> tuple[Frame, bool]:
@@ -42,15 +45,18 @@ class StaleDepth:
         (Frame, bool)
             With its delay, and whether it is that of the last frame.
         """
-        sight = glimpse(frame.depth)
-        time = frame.timestamp + frame.depth_delay
-        repeats = np.array_equal(sight, self._sight) and _can_tell(sight)
-        if not repeats or frame.timestamp < self._time:
-            self._sight, self._time, self._T_world_cam = sight, time, T_world_last.copy()
+        sight, stamped = glimpse(frame.depth), credible(frame.depth_delay)
+        goes_back, self._last = frame.timestamp < self._last, frame.timestamp
+        if goes_back or not np.array_equal(sight, self._sight) or not _can_tell(sight):
+            self._sight, self._since, self._delay, self._times = sight, self._last, stamped, 0
             return frame, False
-        if abs(time - self._time) < SOON_S:  # stamps say so, too
+        if not self._times:
+            self._T_world_cam = T_world_last.copy()
+        self._times += 1
+        delay = self._delay - self._age(frame.timestamp)
+        if abs(delay - frame.depth_delay) < SOON_S and stamped:  # stamps say so, too
             return frame, True
-        return frame.delayed(max(self._time - frame.timestamp, -LARGEST_S)), True
+        return frame.delayed(max(delay, -LARGEST_S)), True
 
     def frozen_for(self, timestamp: float, T_world_last: NDArray[np.float64]) -> float:
         """Say for how long depth has been the same while the camera moved, if that is too long.
@@ -67,11 +73,16 @@ class StaleDepth:
         float
             Seconds; 0 where it is not too long, or the camera has hardly moved.
         """
-        age = timestamp - self._time
+        age = self._age(timestamp)
         if age <= FREEZE_S:
             return 0.0
         moved = np.abs(se3.log(se3.inverse(self._T_world_cam) @ T_world_last))
         return age if moved[:3].max() > MOVED_M or moved[3:].max() > MOVED_RAD else 0.0
+
+    def _age(self, timestamp: float) -> float:
+        """For how long depth has been the same, seconds; by counting where stamps stand still."""
+        age = timestamp - self._since
+        return self._times * NOMINAL_PERIOD_S if age < SHORTEST_PERIOD_S else age
 
 
 def _can_tell(sight: NDArray[np.float32]) -> bool:

@@ -42,7 +42,7 @@ class Standing:
         ----------
         seen : Seen
         """
-        if self._leaves_out:
+        if self._leaves_out and not seen.is_stale:
             T_world_depth = seen.T_world_depth(self._course.T_world_last)
             self._background.remember(seen.frame, T_world_depth)
 
@@ -140,10 +140,10 @@ class Standing:
     def _stand_out(self, seen: Seen) -> Still | None:
         """Of a frame that fits as a whole nowhere, what stands still, if the rest moves past it."""
         period = self._course.period(seen.frame.timestamp)
-        if not self._leaves_out or period > LONGEST_PREDICTION_S:
+        if not self._leaves_out or period > LONGEST_PREDICTION_S or seen.is_stale:
             return None
         still = self._stand_still(seen)
-        if still is None or seen.is_stale or not self._doubt.finds_motion(seen, still.alignment):
+        if still is None or not self._doubt.finds_motion(seen, still.alignment):
             return None
         return still
 

@@ -14,7 +14,7 @@ from edvo.scatter import Scatter, fitting_depth
 
 MILD_SIGMA = 1.5  # times the sensor's noise, up to which depth raises no doubt
 FADING = 0.97  # a frame, of the worst fit of depth seen of late
-MOST_UNASKED = 2  # frames in a row whose depth tells nothing, that what follows is pardoned for
+MOST_UNASKED = 2  # frames in a row of the same depth, that what follows is pardoned for
 AS_A_WHOLE = 0.7  # of the edges agree: of people who are followed, hardly ever so many
 CHANCE = 0.28  # a quarter of the samples agree by chance where edges are dense
 
@@ -47,7 +47,7 @@ class Judge:
         self._alone_share = config.planes.alone_share
         self.scatter = Scatter(config)
         self._usual = math.inf  # the largest sigma_depth of late
-        self._unasked = 0  # frames since, whose depth told nothing
+        self._unasked = 0  # frames since, whose depth was that of the frame before
 
     def note(self, alignment: Alignment, *, is_stale: bool = False) -> None:
         """Take note of a registration that is to be trusted.
@@ -64,7 +64,7 @@ class Judge:
         if alignment.depth_balance and not is_stale:
             faded = 0.0 if math.isinf(self._usual) else FADING * self._usual
             self._usual, self._unasked = max(alignment.sigma_depth, faded), 0
-        else:
+        elif is_stale:
             self._unasked = min(self._unasked + 1, MOST_UNASKED)
 
     def judge(
