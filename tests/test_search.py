@@ -105,10 +105,10 @@ def test_a_far_step_that_fits_elsewhere_too_is_degraded(apart, monkeypatch):
 
 
 def shaken(frame, k):
-    """The same view again, but for noise: else it is a repeat."""
+    """The same view again, but for noise, in depth less than counts: else it is a repeat."""
     noise = np.random.default_rng(k).integers(-1, 2, frame.grey.shape)
     grey = np.clip(frame.grey + noise, 0, 255).astype(np.uint8)
-    return Frame(frame.timestamp + k * PERIOD, grey, frame.depth)
+    return Frame(frame.timestamp + k * PERIOD, grey, frame.depth * np.float32(1 + 1e-6 * k))
 
 
 def at_rest(apart):
