@@ -9,7 +9,7 @@ and the share of the frames that have a pose, and of edvo those that say *tracke
 """
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import cv2
@@ -94,12 +94,7 @@ def main() -> None:
     parser.add_argument("--docs", action="store_true", help="put the tables into docs/ as well")
     given = parser.parse_args()
     cv2.setNumThreads(1)
-    makers: dict[str, Callable[[Camera], Tracker]] = {
-        "default": Odometry,
-        "image as it is": lambda camera: Odometry(camera, Config().with_overrides(AS_IT_IS)),
-        "OpenCV RGB-D": lambda camera: make_tracker("opencv-rgbd", camera),
-        "ORB with PnP": lambda camera: make_tracker("orb-pnp", camera),
-    }
+    makers = contestants("image as it is", AS_IT_IS)
     text = ""
     for name in dict.fromkeys((*available(), *RENDERED)):
         whole, rows = recording(name, FRAMES), []
@@ -112,6 +107,16 @@ def main() -> None:
     print("\n" + text)
     if given.docs:
         document(PAGE.parent, text.rstrip() + "\n", page=PAGE, mark=MARK)
+
+
+def contestants(name: str, changes: Sequence[str]) -> dict[str, Callable[[Camera], Tracker]]:
+    """Give the preset `default`, the same with changes, by this name, and two others."""
+    return {
+        "default": Odometry,
+        name: lambda camera: Odometry(camera, Config().with_overrides(changes)),
+        "OpenCV RGB-D": lambda camera: make_tracker("opencv-rgbd", camera),
+        "ORB with PnP": lambda camera: make_tracker("orb-pnp", camera),
+    }
 
 
 def score(recorded: Recording, make: Callable[[Camera], Tracker]) -> str:

@@ -10,19 +10,14 @@ and of edvo those that say *tracked*.
 """
 
 import argparse
-from collections.abc import Callable
 from dataclasses import replace
 
 import cv2
 
-from benchmarks.defects import score
+from benchmarks.defects import contestants, score
 from benchmarks.frames import ROOT, Recording, available, recording
 from benchmarks.report import document
 from benchmarks.section import table
-from edvo.baselines.registry import Tracker, make_tracker
-from edvo.camera import Camera
-from edvo.config import Config
-from edvo.odometry import Odometry
 
 PAGE = ROOT / "docs" / "theory" / "instants.md"
 MARK = "<!-- measured: written by python -m benchmarks.seldom --docs -->\n"
@@ -36,14 +31,7 @@ def main() -> None:
     parser.add_argument("--docs", action="store_true", help="put the table into docs/ as well")
     given = parser.parse_args()
     cv2.setNumThreads(1)
-    makers: dict[str, Callable[[Camera], Tracker]] = {
-        "default": Odometry,
-        "taken for new": lambda camera: Odometry(
-            camera, Config().with_overrides(["motion.repeated_depth=new"])
-        ),
-        "OpenCV RGB-D": lambda camera: make_tracker("opencv-rgbd", camera),
-        "ORB with PnP": lambda camera: make_tracker("orb-pnp", camera),
-    }
+    makers = contestants("taken for new", ["motion.repeated_depth=new"])
     rows = []
     for name in dict.fromkeys((*available(), *RENDERED)):
         whole = recording(name, FRAMES)

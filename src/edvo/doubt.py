@@ -178,6 +178,8 @@ class Doubt:
     ) -> tuple[Status, str]:
         """Hold a pose against the depth of a moment ago: what was empty cannot be filled.
 
+        Depth that repeats is that of a moment ago itself, and is not asked.
+
         Parameters
         ----------
         seen : Seen

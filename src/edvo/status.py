@@ -61,11 +61,11 @@ class Judge:
             Whether its depth is that of the frame before.
         """
         self.scatter.note(alignment)
-        if alignment.depth_balance and not is_stale:
+        if is_stale:
+            self._unasked = min(self._unasked + 1, MOST_UNASKED)
+        elif alignment.depth_balance:
             faded = 0.0 if math.isinf(self._usual) else FADING * self._usual
             self._usual, self._unasked = max(alignment.sigma_depth, faded), 0
-        elif is_stale:
-            self._unasked = min(self._unasked + 1, MOST_UNASKED)
 
     def judge(
         self, alignment: Alignment, speed: float, turn: float, *, follows: bool = False
@@ -164,7 +164,7 @@ class Judge:
 
     @property
     def _tolerated(self) -> float:
-        """The largest sigma_depth that raises no doubt: it grows on the way from the keyframe."""
+        """The largest sigma_depth that raises no doubt; more after frames that did not tell it."""
         return max(self._status.depth_jump * (1 + self._unasked) * self._usual, MILD_SIGMA)
 
     def _off(self, alignment: Alignment) -> str:
