@@ -95,8 +95,10 @@ def test_what_is_left_out_is_that_of_the_twin(weight: str) -> None:
     weights = weights_by(weight, registration.solver.tuning)
     left = twins.left_out(seen, CAMERA, residuals[there], trust[there], weights, SIGMA)
     J = trust[there, None] * twins.jacobian(seen, CAMERA)
-    told = (J * weights((trust * residuals)[there] / SIGMA)[:, None]).T @ J
-    written = np.empty((6, 6))
+    H = (J * weights((trust * residuals)[there] / SIGMA)[:, None]).T @ J
+    enough = rng.uniform(0, 0.1, 6) * np.diag(H)
+    told = H + SIGMA**2 * np.diag(enough)
+    with_enough, written = np.empty((6, 6)), np.empty((6, 6))
     for times in (0.2, 1.0, 5.0, 500.0):
         is_told = kernels.is_told(
             points,
@@ -108,10 +110,13 @@ def test_what_is_left_out_is_that_of_the_twin(weight: str) -> None:
             T,
             registration.solver,
             SIGMA,
-            told,
+            H,
+            enough,
             times,
+            with_enough,
             written,
         )
+        np.testing.assert_allclose(with_enough, told, rtol=1e-12)
         np.testing.assert_allclose(written, left, rtol=1e-6, atol=1e-9 * abs(told).max())
         assert is_told == (np.linalg.eigvalsh(times * told - left)[0] > 0)
 

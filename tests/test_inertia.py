@@ -11,7 +11,7 @@ from edvo.course import FADING_S
 from edvo.inertia import HAND, Inertia
 from edvo.uncertainty import DEGENERATE_M
 
-from . import twins
+from . import problems, twins
 
 PERIOD = 1 / 30
 VELOCITY = np.array([0.2, -0.3, 0.1, 0.1, 0.0, -0.2])
@@ -53,8 +53,9 @@ def test_filter_pose_is_a_kalman_filter(seed, seconds):
     whole, C = spd(rng, 12), spd(rng, 6)
     P = np.array([whole[:6, :6], whole[:6, 6:], whole[6:, 6:]])
     velocity, off, moved = rng.normal(size=6), rng.normal(size=6), np.empty(6)
-    expected = twins.filter_pose(whole, C, HAND**2, seconds, off, velocity)
-    assert kernels.filter_pose(P, C, HAND**2, seconds, off, velocity, moved)
+    T = problems.motion(rng, 0.3, 30.0)
+    expected = twins.filter_pose(whole, T, C, HAND**2, seconds, off, velocity)
+    assert kernels.filter_pose(P, T, C, HAND**2, seconds, off, velocity, moved)
     whole, velocity_after, moved_by = expected
     np.testing.assert_allclose(P[0], whole[:6, :6], atol=1e-9)
     np.testing.assert_allclose(P[1], whole[:6, 6:], atol=1e-9)
@@ -66,7 +67,8 @@ def test_filter_pose_is_a_kalman_filter(seed, seconds):
 def test_what_is_no_covariance_is_refused():
     P = np.zeros((3, 6, 6))
     C = np.full((6, 6), np.nan)
-    assert not kernels.filter_pose(P, C, HAND**2, PERIOD, np.zeros(6), np.zeros(6), np.empty(6))
+    given = np.eye(4), C, HAND**2, PERIOD, np.zeros(6), np.zeros(6)
+    assert not kernels.filter_pose(P, *given, np.empty(6))
 
 
 def test_a_registration_that_is_sure_stands():

@@ -11,11 +11,12 @@ from edvo.clock import no_clock
 from edvo.config import Config
 from edvo.edges import depth_at_edges
 from edvo.front_end import FrontEnd
-from edvo.instants import HASTY_S, KNOWN_S, ROUGH_PX, SELDOM, TELLING_S, Instants
+from edvo.instants import HASTY_S, KNOWN_S, NEWS_SHARE, ROUGH_PX, SELDOM, TELLING_S, Instants
 from edvo.measuring import Measured
 from edvo.odometry import Odometry, Status
 from edvo.planes import PlaneFitter, move_points
 from edvo.registration import AT_ONCE, Registration
+from edvo.rolling import EXPECTED_S
 
 from . import problems
 
@@ -271,6 +272,14 @@ def test_at_once_where_much_is_at_stake_and_nothing_known(tried):
     assert instants.rolling.seconds > 0
     assert instants.rolling.estimate.is_known(KNOWN_S)
     assert note(0.9 * HASTY_S) == (2, 3)
+
+
+def test_on_frames_that_tell_a_share_of_what_is_known(tried):
+    instants, _, note = tried
+    instants._count, known = 1, 0.003
+    instants.rolling.estimate._know(known**-2 - EXPECTED_S**-2, 0.0)
+    assert note(1.1 * known / NEWS_SHARE**0.5) == (0, 0)
+    assert note(0.9 * known / NEWS_SHARE**0.5) == (1, 3)
 
 
 def test_seldom_once_it_is_known_for_sure(tried):

@@ -86,11 +86,12 @@ def test_moving_edges_equals_its_numpy_twin(typical):
     depths[::5] = 0
     depths[1::20] = 0.001  # would come to lie beside or behind the camera
     depths[2::20] = 0.06
-    rows = rng.uniform(-0.04, 0.04, 80)
+    seconds = 0.08
+    rows = (pixels[:, 1].astype(np.float64) / CAMERA.height - 0.5) * seconds
     velocity = 5 * VELOCITY
     pinhole = camera_of(CAMERA)
     moved, moved_depths = np.empty_like(pixels), np.empty_like(depths)
-    how = depths, np.float32(typical), rows, velocity, pinhole
+    how = depths, np.float32(typical), seconds, velocity, pinhole
     kernels.unroll_pixels(pixels.ravel(), *how, moved.ravel(), moved_depths)
     wanted, wanted_depths = twins.unroll_pixels(pixels, depths, typical, rows, velocity, CAMERA)
     np.testing.assert_allclose(moved, wanted, atol=1e-3)

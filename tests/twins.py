@@ -1052,9 +1052,11 @@ def row_equations(
     return H_row, H_rows, J.T @ (w * row * r)
 
 
-def filter_pose(P, C, acceleration, seconds, off, velocity):
+def filter_pose(P, T_cur_last, C, acceleration, seconds, off, velocity):
     """A Kalman filter of pose and velocity; P (12, 12). Gives P, the velocity, and the step."""
     one, none = np.eye(6), np.zeros((6, 6))
+    carry = np.block([[se3.adjoint(T_cur_last), none], [none, one]])
+    P = carry @ P @ carry.T
     F = np.block([[one, seconds * one], [none, one]])
     push = np.vstack((seconds**2 / 2 * one, seconds * one))
     P = F @ P @ F.T + push @ np.diag(acceleration) @ push.T

@@ -72,8 +72,8 @@ class Evidence:
     ) -> NDArray[np.float64]:
         """Find these motions of a registration that was not asked about yet."""
         sigma = alignment.sigma_px
-        left, told = np.empty((6, 6)), alignment.H + np.diag(sigma * sigma * _ENOUGH)
-        if not np.isfinite(told).all() or kernels.is_told(
+        told, left = np.empty((6, 6)), np.empty((6, 6))
+        if kernels.is_told(
             samples.points(self._camera),
             reference.gradients,
             alignment.matches,
@@ -83,8 +83,10 @@ class Evidence:
             alignment.T_ref_cur,
             self._solver,
             sigma,
-            told,
+            alignment.H,
+            _ENOUGH,
             1 / self._least - 1,
+            told,
             left,
         ):
             return NONE

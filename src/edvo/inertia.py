@@ -22,7 +22,7 @@ NOTHING = 1e4  # the same, of what no registration has told
 UNKNOWN = np.array([0.5] * 3 + [1.0] * 3)  # velocity at first, m/s and rad/s (one sigma)
 LOOSE = 1 / 3  # of what is called not constrained; a registration that is surer stands as it is
 LASTING_S = 0.15  # after so long without one that stands, what the filter is sure of is doubtful
-_HAND, _PER_BOUNDS = HAND**2, 1 / np.outer(BOUNDS, BOUNDS)
+_HAND, _PER_BOUNDS, _PER_SQUARES = HAND**2, 1 / np.outer(BOUNDS, BOUNDS), BOUNDS**-2
 
 
 class Inertia:
@@ -102,12 +102,12 @@ class Inertia:
         largest = _largest(own)
         if largest > PRIOR_ALONE:
             own = _without_prior(own)
-        ahead = self.velocity * seconds
-        T_key_ahead = T_key_last @ se3.exp(ahead)
-        carry = se3.adjoint(se3.exp(-ahead))  # what the pose is off by, to the camera as it moves
-        self._P[0], self._P[1] = carry @ self._P[0] @ carry.T, carry @ self._P[1]
+        T_last_ahead = se3.exp(self.velocity * seconds)
+        T_key_ahead, T_ahead_last = T_key_last @ T_last_ahead, se3.inverse(T_last_ahead)
         off, step = se3.log(se3.inverse(T_key_ahead) @ T_key_cur), np.empty(6)
-        if not kernels.filter_pose(self._P, own, _HAND, seconds, off, self.velocity, step):
+        if not kernels.filter_pose(
+            self._P, T_ahead_last, own, _HAND, seconds, off, self.velocity, step
+        ):
             self.forget()
             return None
         self.velocity *= math.exp(-seconds / FADING_S)  # as a hand does, which turns back
@@ -121,7 +121,7 @@ class Inertia:
 
 def _largest(covariance: NDArray[np.float64]) -> float:
     """The largest variance of a motion, in units of what is called not constrained; 0 if small."""
-    most = float(covariance.diagonal() @ BOUNDS**-2)
+    most = float(covariance.diagonal() @ _PER_SQUARES)
     if most < LOOSE**2:  # as then is each
         return 0.0
     return float(np.linalg.eigvalsh(covariance * _PER_BOUNDS)[-1])

@@ -37,7 +37,6 @@ TAN_22_5 = np.sqrt(2.0) - 1.0  # half of the angle between four directions
 TAN_BITS = 15  # of the same behind the point, as OpenCV's Canny takes it; its int32 holds the rest
 TAN_22_5_FIXED = round(TAN_22_5 * 2**TAN_BITS)
 WEAK, STRONG = np.uint8(1), np.uint8(255)  # marks of edges: above the lower threshold, the upper
-ALL_WEAK = np.uint64(0x0101010101010101)  # eight marks at once
 PIVOT = 1e-12  # smallest Cholesky pivot, relative to the diagonal
 
 SIGNED, DISTANCE = 0, 1  # residual: Eq. (12), or Eq. (5)
@@ -560,19 +559,50 @@ def thin_row(
 
 
 @lean
-def list_weak(marks: U8, words: NDArray[np.uint64], weak: I32) -> int:
-    """Write where marks are weak; returns how many. ``words`` is a view of eight marks each."""
-    count = 0
-    for word in range(words.size):
-        eight = words[word]
-        if eight & ~(eight >> np.uint64(1)) & ALL_WEAK:  # a strong one has its second bit set, too
-            for i in range(place(word * 8), place(word * 8 + 8)):
-                weak[place(count)] = i
-                count += int(marks[i] == WEAK)
+def list_set(words: NDArray[np.uint64], hits: I32, listed: I32, marks: U8) -> np.int64:
+    """Write where bytes of ``marks`` are not 0, in their order; returns how many.
+
+    ``words`` is a view of eight marks each. Those that have any are listed in ``hits`` first: to
+    ask word by word, or mark by mark, would cost branches that cannot be foretold.
+    """
+    one, eight, count, some = place(1), place(8), place(0), place(0)
+    for word in range(place(words.size)):
+        hits[some] = np.int32(word)
+        some += place(words[word] != 0)
+    for hit in range(some):
+        first = place(hits[hit]) * eight
+        bits = words[place(hits[hit])]
+        bits |= bits >> place(4)
+        bits |= bits >> place(2)
+        bits |= bits >> one  # the lowest of each byte that has any is set
+        for k in range(eight):
+            listed[count] = np.int32(first + k)  # overwritten, unless it counts
+            count += (bits >> (k * eight)) & one
+    total = np.int64(count)
     for i in range(words.size * 8, marks.size):
-        weak[count] = i
-        count += int(marks[i] == WEAK)
-    return count
+        listed[total] = i
+        total += int(marks[i] != 0)
+    return total
+
+
+@lean_float
+def mark_seeds(above: U8, here: U8, below: U8, seeds: U8) -> None:
+    """Mark the weak pixels of a row that have a strong one among their eight neighbours."""
+    for u in range(here.size - 2):
+        beside = above[u] | above[u + 1] | above[u + 2] | here[u] | here[u + 2]
+        beside |= below[u] | below[u + 1] | below[u + 2]
+        seeds[u + 1] = np.uint8((here[u + 1] == WEAK) & (beside > WEAK))
+    last = here.size - 1
+    for u, inside in ((0, min(1, last)), (last, max(last - 1, 0))):
+        beside = above[u] | above[inside] | here[inside] | below[u] | below[inside]
+        seeds[u] = np.uint8((here[u] == WEAK) & (beside > WEAK))
+
+
+@lean_float
+def drop_weak(marks: U8) -> None:
+    """Leave the strong ones of marks alone."""
+    for i in range(marks.size):
+        marks[i] = marks[i] if marks[i] == STRONG else np.uint8(0)
 
 
 @lean
@@ -612,9 +642,10 @@ def canny_edges(du: I16, dv: I16, low: np.int32, high: np.int32, marks: U8, room
     """Mark edges as ``cv2.Canny`` does by the gradients and thresholds given, to the bit.
 
     In less time, above all where there are many: that one asks pixel by pixel, and starts from
-    each strong one; here all are thinned alike, and only weak ones ask for a strong one beside
-    them. Gradients are those of an image of eleven bits at most: |du| + |dv| stays below 2^15.
-    ``marks`` becomes 255 on edges, else 0; ``room`` to work in is for two entries a pixel.
+    each strong one; here all are thinned alike, and it starts from weak ones that have a strong one
+    beside them, which are few. Gradients are those of an image of eleven bits at most: |du| + |dv|
+    stays below 2^15. ``marks`` becomes 255 on edges, else 0; ``room`` to work in is for two entries
+    a pixel.
     """
     height, width = du.shape
     rows = np.zeros((3, width + 2), np.int16)
@@ -626,21 +657,25 @@ def canny_edges(du: I16, dv: I16, low: np.int32, high: np.int32, marks: U8, room
         else:
             below[:] = 0
         thin_row(du[v], dv[v], rows[(v + 2) % 3], rows[v % 3], below, low, high, marks[v])
-    flat = marks.reshape(-1)
-    count = list_weak(flat, flat[: flat.size // 8 * 8].view(np.uint64), room)
+    size = marks.size
+    seeds = room[size:].view(np.uint8)[:size].reshape(height, width)
+    none = np.zeros(width, np.uint8)
+    for v in range(height):
+        over, under = marks[v - 1] if v > 0 else none, marks[v + 1] if v + 1 < height else none
+        mark_seeds(over, marks[v], under, seeds[v])
+    flat, seeds_flat = marks.reshape(-1), seeds.reshape(-1)
+    words, hits = seeds_flat[: size // 8 * 8].view(np.uint64), room[size + (size + 3) // 4 :]
+    count = list_set(words, hits, room, seeds_flat)
     per_width = 1 / width
     for k in range(count):
         i = np.int64(room[k])
-        if flat[place(i)] == WEAK and is_beside_strong(flat, i, per_width, height, width):
+        if flat[place(i)] == WEAK:
             top = strengthen_beside(flat, i, per_width, height, width, room, np.int64(count))
             while top > count:
                 top -= 1
                 i = np.int64(room[top])
                 top = strengthen_beside(flat, i, per_width, height, width, room, top)
-    for k in range(count):
-        left = place(room[k])
-        if flat[left] == WEAK:
-            flat[left] = 0
+    drop_weak(flat)
 
 
 @compiled
@@ -687,24 +722,14 @@ def put_strong_first(
 
 
 @compiled
-def collect_edges(mask: U8, index: I32) -> int:
+def collect_edges(mask: U8, room: I32) -> np.int64:
     """Write the flat indices of the set pixels of a mask, in row order; returns how many.
 
-    ``index`` has room for one more than there are.
+    ``room`` is for two entries a pixel; they come first.
     """
     flat = mask.reshape(-1)
-    n_words = flat.size // 8
-    words = flat[: n_words * 8].view(np.uint64)
-    count = 0
-    for word in range(n_words):
-        if words[word] != 0:  # most of an image is no edge: eight pixels at a time
-            for i in range(place(word * 8), place(word * 8 + 8)):
-                index[place(count)] = i  # overwritten, unless it counts: a branch costs more
-                count += int(flat[i] != 0)
-    for i in range(n_words * 8, flat.size):
-        index[count] = i
-        count += int(flat[i] != 0)
-    return count
+    words = flat[: flat.size // 8 * 8].view(np.uint64)
+    return list_set(words, room[flat.size :], room, flat)
 
 
 @lean_float
@@ -1867,7 +1892,7 @@ def rough_depth(
     depth: F32, u: int, v: int, radius: int, gap: float, roughly: bool, window: F32
 ) -> np.float32:
     """Depth (m) of an edge pixel, ``roughly`` its own if it has any; 0 where there is none."""
-    z = depth[v, u] if roughly else np.float32(0)
+    z = depth[place(v), place(u)] if roughly else np.float32(0)
     return z if z > MIN_DEPTH else depth_at(depth, u, v, radius, gap, window)
 
 
@@ -1915,6 +1940,31 @@ def list_drawn(found: F32, samples: I32, depths: F32) -> int:
     return filled
 
 
+@lean
+def find_depths(
+    drawn: I32,
+    index: I32,
+    depth: F32,
+    radius: int,
+    gap: float,
+    roughly: bool,
+    window: F32,
+    found: F32,
+) -> int:
+    """Look up the depths of edges drawn; returns how many have any.
+
+    One does not wait for the other: depths lie far apart in memory, and are fetched side by side.
+    """
+    per_width = 1 / depth.shape[1]
+    count = 0
+    for k in range(drawn.size):
+        i = place(drawn[k])
+        v, u = row_and_column(index[i], per_width, depth.shape[1])
+        found[i] = rough_depth(depth, u, v, radius, gap, roughly, window)
+        count += int(found[i] > 0)
+    return count
+
+
 @compiled
 def draw_samples(
     index: I32,
@@ -1936,7 +1986,6 @@ def draw_samples(
     Writes positions in ``index`` in ascending order, and depths; returns how many.
     """
     height, width = depth.shape
-    per_width = 1 / width
     n = index.size
     start, pool = sort_by_cell(index, height, width, cell_px)
     window = room_for_window(radius)
@@ -1946,20 +1995,20 @@ def draw_samples(
     # cells come in random order, in case there are more of them than count allows
     cells = np.arange(start.size - 1).astype(np.int32)
     undrawn = start[:-1].copy()  # from where on a cell's edges are
-    left = count
+    left = np.int64(count)
     rest = np.int64(0)
     for turn in range(cells.size):
         c = draw(cells, np.int64(turn), np.int64(cells.size), state)
         first, last = np.int64(start[c]), np.int64(start[c + 1])
-        taken = 0
-        while first < last and taken < per_cell and left > 0:
-            i = draw(pool, first, last, state)
-            first += 1
-            v, u = row_and_column(index[i], per_width, width)
-            found[i] = rough_depth(depth, u, v, radius, gap, roughly, window)
-            if found[i] > 0:
-                taken += 1
-                left -= 1
+        wanted = min(np.int64(per_cell), left)
+        while first < last and wanted > 0:
+            end = min(first + wanted, last)
+            for k in range(first, end):
+                draw(pool, np.int64(k), last, state)
+            some = find_depths(pool[first:end], index, depth, radius, gap, roughly, window, found)
+            first = end
+            wanted -= some
+            left -= some
         undrawn[c] = first
     for c in range(undrawn.size):  # what no cell has drawn moves to the front of the pool
         for k in range(place(undrawn[c]), place(start[c + 1])):
@@ -1967,12 +2016,11 @@ def draw_samples(
             rest += 1
     first = np.int64(0)  # a plain 0 would have its own compiled variant
     while first < rest and left > 0:
-        i = draw(pool, first, rest, state)
-        first += 1
-        v, u = row_and_column(index[i], per_width, width)
-        found[i] = rough_depth(depth, u, v, radius, gap, roughly, window)
-        if found[i] > 0:
-            left -= 1
+        end = min(first + left, rest)
+        for k in range(first, end):
+            draw(pool, np.int64(k), rest, state)
+        left -= find_depths(pool[first:end], index, depth, radius, gap, roughly, window, found)
+        first = end
     return list_drawn(found, samples, depths)
 
 
@@ -2691,27 +2739,29 @@ def unroll_pixels(
     pixels: F32,
     depths: F32,
     typical: np.float32,
-    rows: F64,
+    seconds: float,
     velocity: F64,
     camera: Pinhole,
     moved: F32,
     moved_depths: F32,
 ) -> None:
-    """Write where edges would be at the instant of the image, each seen ``rows`` seconds after it.
+    """Write where edges would be, had all rows been taken at once, in the middle of the readout.
 
-    Where an edge has no depth (0) it is taken to be at the ``typical`` one. One so near that it
-    would come twice as near, or has no usable projection, stays. ``pixels`` and ``moved`` (2 N,)
-    are flat: of rows, whose distance in memory it would not know, vectors are not made.
+    From its first row to its last it takes so many ``seconds``. Where an edge has no depth (0) it
+    is taken to be at the ``typical`` one. One so near that it would come twice as near, or has no
+    usable projection, stays. ``pixels`` and ``moved`` (2 N,) are flat: of rows, whose distance in
+    memory it would not know, vectors are not made.
     """
     a, b, c, p, q, r = velocity
     per_fx, per_fy = 1 / camera.fx, 1 / camera.fy
-    for i in range(place(rows.size)):
+    for i in range(place(depths.size)):
         to_u = place(i + i)
         to_v = to_u + place(1)
         u, v, known = pixels[to_u], pixels[to_v], depths[i]
         z = np.float64(known if known > 0 else typical)
         x, y = (u - camera.cx) * per_fx, (v - camera.cy) * per_fy
-        s, near = rows[i], 1 / z  # the inverse, so that the depth may be infinite
+        s = (np.float64(v) / camera.height - 0.5) * seconds
+        near = 1 / z  # the inverse, so that the depth may be infinite
         w = 1 + s * (c * near + p * y - q * x)
         moves = (z >= MIN_DEPTH) & (w >= 0.5)  # no branch: on vectors
         du = (x + s * (a * near + q - r * y)) / w * camera.fx + camera.cx
@@ -2835,19 +2885,69 @@ def solve_damped(H: F64, b: F64, damping: float, step: F64) -> bool:
     return True
 
 
+@lean
+def write_adjoint(T: F64, Ad: F64) -> None:
+    """Write the matrix that carries twists [v, w] through a rigid motion; twin of se3.adjoint."""
+    x, y, z = T[0, 3], T[1, 3], T[2, 3]
+    for j in range(3):
+        a, b, c = T[0, j], T[1, j], T[2, j]
+        Ad[0, j], Ad[1, j], Ad[2, j] = a, b, c
+        Ad[3, 3 + j], Ad[4, 3 + j], Ad[5, 3 + j] = a, b, c
+        Ad[0, 3 + j], Ad[1, 3 + j], Ad[2, 3 + j] = y * c - z * b, z * a - x * c, x * b - y * a
+        Ad[3, j] = Ad[4, j] = Ad[5, j] = 0.0
+
+
+@lean
+def carry_rows(M: F64, P: F64, carried: F64) -> None:
+    """Write a product of two (6, 6)."""
+    for i in range(6):
+        for j in range(6):
+            total = 0.0
+            for k in range(6):
+                total += M[i, k] * P[k, j]
+            carried[i, j] = total
+
+
+@compiled
+def carry_covariance(T: F64, C: F64, carried: F64) -> None:
+    """Write Ad C Ad^T with the adjoint Ad of a rigid motion: what is known of twists beyond it."""
+    Ad, half = np.empty((6, 6)), np.empty((6, 6))
+    write_adjoint(T, Ad)
+    carry_rows(Ad, C, half)
+    for i in range(6):
+        for j in range(6):
+            total = 0.0
+            for k in range(6):
+                total += half[i, k] * Ad[j, k]
+            carried[i, j] = total
+
+
 @compiled
 def filter_pose(
-    P: F64, C: F64, acceleration: F64, seconds: float, off: F64, velocity: F64, step: F64
+    P: F64,
+    T_cur_last: F64,
+    C: F64,
+    acceleration: F64,
+    seconds: float,
+    off: F64,
+    velocity: F64,
+    step: F64,
 ) -> bool:
     """Predict and correct a Kalman filter of constant velocity; False where it cannot be.
 
     ``P`` (3, 6, 6) holds the covariances of the pose, of the pose with the velocity, and of the
-    velocity; ``C`` that of a measurement which is ``off`` (6,) from the pose predicted.
-    ``acceleration`` (6,) are variances. P and ``velocity`` are corrected, and by what the pose is,
-    is written to ``step``.
+    velocity; ``C`` that of a measurement which is ``off`` (6,) from the pose predicted, which is
+    that of the last camera by the inverse of ``T_cur_last``. ``acceleration`` (6,) are variances. P
+    and ``velocity`` are corrected, and by what the pose is, is written to ``step``.
     """
+    S, Ad = np.empty((6, 6)), np.empty((6, 6))
+    carry_covariance(T_cur_last, P[0], S)  # what the pose is off by, to the camera as it moves
+    P[0] = S
+    write_adjoint(T_cur_last, Ad)
+    carry_rows(Ad, P[1], S)
+    P[1] = S
     A, B, D = P[0], P[1], P[2]
-    S, L, W, V = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
+    L, W, V = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
     square = seconds * seconds
     for i in range(6):
         for j in range(6):
@@ -4629,18 +4729,29 @@ def is_told(
     T: F64,
     solver: Solver,
     sigma: float,
-    told: F64,
+    H: F64,
+    enough: F64,
     times: float,
+    told: F64,
     left: F64,
 ) -> bool:
     """Write what robust weights leave out of the curvature, J^T (w(0) - W) J, px^2.
 
     ``points`` (N, 3) are those of the samples, ``gradients`` (M, 2) those of the reference; the
-    others are as `align` gives them. Returns whether that is less than ``told`` so many ``times``,
-    along each motion.
+    others are as `align` gives them. Writes ``told``, which is H and what is ``enough`` (6,) of
+    each motion in units of ``sigma``, too. Returns whether that so many ``times`` is more than is
+    left out, along each motion, or is no number.
     """
     J, rest = np.empty(6), np.empty((6, 6))
-    inverse = 1 / (sigma * sigma)
+    square = sigma * sigma
+    inverse = 1 / square
+    is_number = True
+    for m in range(6):
+        for n in range(6):
+            told[m, n] = H[m, n] + square * enough[m] if m == n else H[m, n]
+            is_number &= np.isfinite(told[m, n])
+    if not is_number:
+        return True
     most = robust_weight(0.0, solver.weight, solver.tuning)
     left[:] = 0
     for i in range(matches.size):

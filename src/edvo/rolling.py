@@ -77,7 +77,9 @@ class RollingShutter:
             Seconds; empty where all are simultaneous.
         """
         seconds = self.seconds
-        return rows_of(pixels, self._pinhole.height, seconds) if seconds else NO_ROWS
+        if not seconds:
+            return NO_ROWS
+        return (pixels[:, 1].astype(np.float64) / self._pinhole.height - 0.5) * seconds
 
     def unrolled(
         self,
@@ -101,10 +103,8 @@ class RollingShutter:
         EdgePixels
             With the gradients and the profiles that they had.
         """
-        rows = self.rows(edges.pixels)
-        if not len(rows):
-            return edges
-        return unroll(edges, rows, velocity, self._pinhole, depths)
+        seconds = self.seconds
+        return unroll(edges, seconds, velocity, self._pinhole, depths) if seconds else edges
 
     def learn(self, moment: Moment, key_velocity: NDArray[np.float64] | None = None) -> float:
         """Compare how the misfit of edges by rows changes with how the velocity does.
@@ -175,39 +175,20 @@ class RollingShutter:
         return float(rows[k]) * moment.period / place if place else 0.0
 
 
-def rows_of(pixels: NDArray[np.float32], height: int, seconds: float) -> NDArray[np.float64]:
-    """Say when edges were seen, as against the middle of the image.
-
-    Parameters
-    ----------
-    pixels : ndarray of float32, shape (N, 2)
-    height : int
-        Of the image.
-    seconds : float
-        From its first row to its last.
-
-    Returns
-    -------
-    ndarray of float64, shape (N,)
-        Seconds.
-    """
-    return (pixels[:, 1].astype(np.float64) / height - 0.5) * seconds
-
-
 def unroll(
     edges: EdgePixels,
-    rows: NDArray[np.float64],
+    seconds: float,
     velocity: NDArray[np.float64],
     camera: kernels.Pinhole,
     depths: NDArray[np.float32] | None = None,
 ) -> EdgePixels:
-    """Put edges where they would be at the instant of the image.
+    """Put edges where they would be, had all rows been taken at once.
 
     Parameters
     ----------
     edges : EdgePixels
-    rows : ndarray of float64, shape (N,)
-        Seconds after that instant at which each was seen.
+    seconds : float
+        From the first row of the image to the last.
     velocity, depths
         See ``RollingShutter.unrolled``.
     camera : kernels.Pinhole
@@ -222,9 +203,10 @@ def unroll(
     if np.count_nonzero(depths) < len(depths):
         known = depths[:: max(len(depths) // TYPICAL_EDGES, 1)]
         known = known[known > 0] if known.any() else depths[depths > 0]
-        typical = np.float32(np.median(known)) if len(known) else typical
+        middle = len(known) // 2
+        typical = np.partition(known, middle)[middle] if len(known) else typical
     pixels, moved = np.empty(edges.pixels.shape, np.float32), np.empty_like(depths)
     kernels.unroll_pixels(
-        edges.pixels.ravel(), depths, typical, rows, velocity, camera, pixels.reshape(-1), moved
+        edges.pixels.ravel(), depths, typical, seconds, velocity, camera, pixels.reshape(-1), moved
     )
     return EdgePixels(pixels, edges.gradients, moved, edges.profiles)

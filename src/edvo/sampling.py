@@ -116,7 +116,7 @@ def sample_edges(
     kernels.fit_edge_depths(
         described.pixels,
         described.gradients,
-        edges.index[which],
+        edges.index.take(which),
         depth,
         table,
         camera_of(camera),

@@ -18,7 +18,7 @@ from edvo.edges import EdgePixels
 from edvo.measuring import Measured, Moment
 from edvo.planes import PlaneFitter, camera_of
 from edvo.registration import FAILURES, Alignment, Registration
-from edvo.rolling import SHARP_PX, rows_of, unroll
+from edvo.rolling import SHARP_PX, unroll
 
 STEP_S = 0.012  # that the readouts tried are apart
 STEPS = (0, -1, 1)  # of the three, from the one believed
@@ -142,5 +142,4 @@ class ReadoutTrial:
         depths: NDArray[np.float32] | None = None,
     ) -> EdgePixels:
         """Put edges where they would be, had all rows been taken at once."""
-        rows = rows_of(edges.pixels, self._pinhole.height, readout)
-        return unroll(edges, rows, velocity, self._pinhole, depths)
+        return unroll(edges, readout, velocity, self._pinhole, depths)

@@ -70,7 +70,7 @@ def warm_up(config: Config) -> None:
     edges = extract_edges(grey, config.edges)
     depths = depth_at_edges(frame.depth, edges.index, config.edges)
     described = edges.describe(camera)
-    unroll(described, np.zeros(len(edges)), np.zeros(6), camera_of(camera), depths)
+    unroll(described, 0.0, np.zeros(6), camera_of(camera), depths)
     # and faint edges, of which a keyframe has more
     buffers = EdgeBuffers(height, width)
     faint = replace(extract_edges(grey, config.edges, buffers), scale=0.7, scales=Scales(1.0, 0.5))
