@@ -389,6 +389,12 @@ class KeyframesConfig(Section):
     tried: Annotated[int, Field(ge=1)] = Field(
         default=3, description="of those, how many a lost frame is registered with: the likest"
     )
+    earlier: Annotated[int, Field(ge=0)] = Field(
+        default=4,
+        description="where a frame fits the keyframe too little to be trusted, as where light goes "
+        "to and fro, so many of the nearest of those kept are tried in its place; 0: none. Not in "
+        "the paper",
+    )
     min_overlap: Fraction = Field(
         default=0.75, description="rule motion: least share of the samples that fit the keyframe"
     )
@@ -748,6 +754,7 @@ PRESETS: dict[str, dict[str, Any]] = {
             "max_translation_m": 0.3,
             "window": 1,
             "stored": 0,
+            "earlier": 0,
             "gather_share": 0.0,
             "edge_scale": 1.0,
         },

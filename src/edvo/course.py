@@ -75,6 +75,16 @@ class Course:
         assert self.keyframe is not None
         return self.keyframe
 
+    def compare_with(self, keyframe: Keyframe) -> None:
+        """Register the next frame with another keyframe; where the camera is stays as it is.
+
+        Parameters
+        ----------
+        keyframe : Keyframe
+        """
+        self.keyframe = keyframe
+        self.T_key_last = se3.inverse(keyframe.T_world_key) @ self.T_world_last
+
     def period(self, timestamp: float) -> float:
         """Seconds since the last frame that was not lost; the usual where stamps make no sense.
 

@@ -170,6 +170,30 @@ class KeyframeStore:
         """
         return sorted(self._keyframes, key=lambda keyframe: -look.likeness(keyframe.look))[:count]
 
+    def near(self, T_world_cam: NDArray[np.float64], piece: int, reach: float) -> list[Keyframe]:
+        """Choose the keyframes near to a pose.
+
+        Parameters
+        ----------
+        T_world_cam : ndarray of float64, shape (4, 4)
+        piece : int
+            That they belong to.
+        reach : float
+            Metres that they are off at most; a radian counts as a metre.
+
+        Returns
+        -------
+        list of Keyframe
+            The nearest first.
+        """
+        off = []
+        for key in self._keyframes:
+            T = se3.inverse(key.T_world_key) @ T_world_cam
+            off.append(math.hypot(*T[:3, 3].tolist()) + se3.rotation_angle(T))
+        order = sorted(range(len(off)), key=lambda i: off[i])
+        known = self._keyframes
+        return [known[i] for i in order if known[i].piece == piece and off[i] < reach]
+
     def before(self, piece: int) -> "KeyframeStore":
         """Choose the keyframes of earlier pieces.
 

@@ -102,6 +102,23 @@ class Locator:
         self._doubt.cast(timestamp, STEPPED)
         return found, Status.DEGRADED, reason
 
+    def register(self, seen: Seen) -> tuple[Alignment, Status, str]:
+        """Register a frame with the keyframe, and look no farther.
+
+        Parameters
+        ----------
+        seen : Seen
+
+        Returns
+        -------
+        (Alignment, Status, str)
+            See `locate`.
+        """
+        timestamp = seen.frame.timestamp
+        term = self._shared.term(self._fitter.term, self._course.period(timestamp))
+        alignment = self._register(seen, self.starts(seen), term)
+        return alignment, *self.assess(alignment, timestamp)
+
     def starts(self, seen: Seen) -> NDArray[np.float64]:
         """Poses to start from, relative to the keyframe.
 

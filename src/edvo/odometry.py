@@ -21,6 +21,7 @@ from edvo.course import (
 from edvo.depth_alone import DepthAlone
 from edvo.detail import Detail, usual_detail, worthwhile_detail
 from edvo.doubt import ASTRAY, WAS_LOOSE, Doubt
+from edvo.earlier import EarlierKeyframes
 from edvo.errors import FrameError
 from edvo.frame import Frame
 from edvo.freeze import FREEZE_S, Freeze
@@ -151,6 +152,9 @@ class Odometry:
         self._recovery = Recovery(
             kit, course, self._pieces, self._doubt, self._standing, self._upkeep
         )
+        self._earlier = EarlierKeyframes(
+            kit, course, self._pieces, self._locator, self._upkeep.store
+        )
         self._blind = Blind(kit, course, self._doubt)
 
     @property
@@ -219,6 +223,11 @@ class Odometry:
                 return self._give_up(seen, UNSURE if adrift else NOWHERE, None)
             return self._accept(seen, *found, is_found=True)
         alignment, status, reason, still = self._standing.register(seen)
+        if status is Status.LOST and not self._standing.is_moving(frame.timestamp):
+            again = self._earlier.go_back(seen)
+            if again is not None:
+                self._inertia.forget()
+                alignment, status, reason = again, Status.TRACKED, ""
         if status is Status.LOST:
             # it may be where it was before
             found = self._recovery.find(seen) if self._pieces.here else None
