@@ -67,11 +67,14 @@ class Locator:
                 again = self._on_planes(seen, term, alignment, far=far)
             if far or not self._is_lost(again, timestamp) or self._is_lost(alignment, timestamp):
                 alignment = again
-        if not far and self._judge.scatter.is_wide(alignment):
+        status, reason = self.assess(alignment, timestamp)
+        is_wide = not far and self._judge.scatter.is_wide(alignment)
+        if is_wide:
             self._judge.scatter.widen()
+        if is_wide or (not far and status is Status.LOST):
             with self._clock("search"):
                 alignment = self._sharpest(seen, starts, term, alignment)
-        status, reason = self.assess(alignment, timestamp)
+                status, reason = self.assess(alignment, timestamp)
         if not self._config.motion.search_deg:
             return alignment, status, reason
         unsure = status is not Status.TRACKED or self._judge.scatter.fits_less(alignment)
@@ -265,8 +268,9 @@ class Locator:
         """Register with a scale that is known, and take what crowds edges most clearly.
 
         Where light makes edges come and go at once, half of them belong to no edge of the
-        keyframe: a scale that is taken from all of them lets them count. Depth knows no light, so
-        that one more start is where it leads from the first. Few samples tell the best start.
+        keyframe: a scale that is taken from all of them lets them count. Depth knows no light, nor
+        does it take one step of a stair for the next, so that one more start is where it leads from
+        the first. Few samples tell the best start.
         """
         key, scatter = self._course.key, self._judge.scatter
 
