@@ -41,6 +41,7 @@ class Locator:
         self._evidence = kit.uncertainty.evidence
         two_stages = kit.config.matching.criterion == "robust-then-normal"
         self._begins_narrow = two_stages and kit.config.registration.first_sigma_px < WIDE_PX
+        self._knows_scale = kit.config.status.edge_jump > 0
         self._course, self._doubt = course, doubt
 
     def locate(self, seen: Seen) -> tuple[Alignment, Status, str]:
@@ -71,7 +72,7 @@ class Locator:
         is_wide = not far and self._judge.scatter.is_wide(alignment)
         if is_wide:
             self._judge.scatter.widen()
-        if is_wide or (not far and status is Status.LOST):
+        if is_wide or (self._knows_scale and not far and status is Status.LOST):
             with self._clock("search"):
                 alignment = self._sharpest(seen, starts, term, alignment)
                 status, reason = self.assess(alignment, timestamp)
