@@ -34,11 +34,14 @@ class EarlierKeyframes:
     def __init__(
         self, kit: Kit, course: Course, pieces: Pieces, locator: Locator, store: KeyframeStore
     ) -> None:
-        self._most, self._clock = kit.config.keyframes.earlier, kit.clock
+        self._most, self._judge, self._clock = kit.config.keyframes.earlier, kit.judge, kit.clock
         self._course, self._pieces, self._locator, self._store = course, pieces, locator, store
 
     def go_back(self, seen: Seen) -> Alignment | None:
         """Go back to the near keyframe that a frame fits best, if it is beyond doubt that it does.
+
+        Depth has to fit as ever: what a hand hides of the last one it hides of the others, too, and
+        where some edges of its own fit one of them it would lead the camera astray.
 
         Parameters
         ----------
@@ -60,8 +63,8 @@ class EarlierKeyframes:
             for key in self._near(last):
                 course.compare_with(key)
                 found, status, _ = self._locator.register(seen)
-                better = best is None or found.inliers > best[1].inliers
-                if status is Status.TRACKED and better:
+                fits = status is Status.TRACKED and self._judge.scatter.has_usual_depth(found)
+                if fits and (best is None or found.inliers > best[1].inliers):
                     best = key, found
         if best is None:
             course.keyframe, course.T_key_last = last, before

@@ -91,7 +91,7 @@ class Scatter:
         jump = self._status.edge_jump
         if not jump or alignment.reason in FAILURES:
             return False
-        return alignment.sigma_px > jump * self._usual_px and self._has_usual_depth(alignment)
+        return alignment.sigma_px > jump * self._usual_px and self.has_usual_depth(alignment)
 
     def fits_less(self, alignment: Alignment) -> bool:
         """Whether far fewer of the samples fit than of late.
@@ -139,10 +139,19 @@ class Scatter:
         if not asked or TIGHT * self._usual_px > SHARPEST * status.inlier_px:
             return False
         enough = status.min_agreeing * len(alignment.matches)
-        return self._has_usual_depth(alignment) and self.in_place(alignment) >= enough
+        return self.has_usual_depth(alignment) and self.in_place(alignment) >= enough
 
-    def _has_usual_depth(self, alignment: Alignment) -> bool:
-        """Whether as much depth lies on planes as did of late: light leaves it, a hand does not."""
+    def has_usual_depth(self, alignment: Alignment) -> bool:
+        """Whether as much depth lies on planes as did of late: light leaves it, a hand does not.
+
+        Parameters
+        ----------
+        alignment : Alignment
+
+        Returns
+        -------
+        bool
+        """
         known = self._usual_area >= LEAST_AREA
         return known and alignment.plane_area >= LEFT * self._usual_area
 
