@@ -19,6 +19,7 @@ from edvo.status import Status, agreement, speed_of
 FAR_STEP = "a far step: of what both see enough fits, and nothing else does"
 NOT_ALONE = "a far step, and beside where it led the edges fit as well"
 WIDE_PX = 2.0  # scale of a second look: of a turn that was not foreseen by so much
+LEAP_M_S2 = 30.0  # what moves a camera faster is a wrong match, more often than not
 SURE = 0.8  # of the samples in place: depth that contradicts a far step then leads nowhere else
 
 
@@ -72,7 +73,8 @@ class Locator:
         is_wide = not far and self._judge.scatter.is_wide(alignment)
         if is_wide:
             self._judge.scatter.widen()
-        if is_wide or (self._knows_scale and not far and status is Status.LOST):
+        leaps = status is Status.LOST or self._leaps(alignment, timestamp)
+        if is_wide or (self._knows_scale and not far and leaps):
             with self._clock("search"):
                 alignment = self._sharpest(seen, starts, term, alignment)
                 status, reason = self.assess(alignment, timestamp)
@@ -213,6 +215,15 @@ class Locator:
             return False
         edges = self._course.key.edges_for(near=seen.is_near).edges
         return len(self._evidence.untold(edges, seen.samples, alignment)) > 0
+
+    def _leaps(self, alignment: Alignment, timestamp: float) -> bool:
+        """Whether a registration is farther from where it was expected than a hand moves."""
+        course = self._course
+        if not course.follows(timestamp):
+            return False
+        T_expected = course.T_key_last @ course.ahead(timestamp)
+        x, y, z = (alignment.T_ref_cur[:3, 3] - T_expected[:3, 3]).tolist()
+        return math.hypot(x, y, z) > LEAP_M_S2 * course.period(timestamp) ** 2
 
     def _is_lost(self, alignment: Alignment, timestamp: float) -> bool:
         return self.assess(alignment, timestamp)[0] is Status.LOST
