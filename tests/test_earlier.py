@@ -65,12 +65,48 @@ def test_it_stays_with_the_last_one_where_none_fits(walk):
 
 def test_not_once_it_is_lost_for_longer_than_a_velocity_lasts(walk):
     _, frames, _ = walk
-    odometry = in_another_light(walk, "keyframes.tried=1")
+    odometry = in_another_light(walk)
     last = odometry._course.key
     late = replace(frames[BEFORE], timestamp=frames[BEFORE - 1].timestamp + 0.25)
     seen = odometry._front_end.see(late, BEFORE)
     assert odometry._earlier.go_back(seen) is None
     assert odometry._course.key is last
+
+
+def test_not_without_depth_which_knows_no_light(walk):
+    odometry = in_another_light(walk, "planes.weight=0")
+    assert odometry.track(walk[1][BEFORE]).status is Status.LOST
+
+
+@pytest.mark.parametrize(("most", "status"), [(30.0, Status.TRACKED), (5.0, Status.DEGRADED)])
+def test_what_keyframes_are_off_each_other_is_no_motion(walk, most, status, monkeypatch):
+    monkeypatch.setattr("edvo.locating.LEAP_M_S2", most)
+    _, frames, _ = walk
+    odometry = in_another_light(walk)
+    velocity = odometry._course.velocity.copy()
+    (first,) = odometry._upkeep.store.near(np.eye(4), 0, 1e-6)
+    moved = first.T_world_key @ se3.exp([0, 0.01, 0, 0, 0, 0])
+    odometry._upkeep.store.replace(first, replace(first, T_world_key=moved))
+    odometry._course.stood = frames[BEFORE - 2].timestamp, np.eye(4)
+    result = odometry.track(frames[BEFORE])
+    assert result.status is status
+    np.testing.assert_allclose(odometry._course.velocity, velocity, atol=1e-9)
+
+
+def test_what_is_not_believed_in_the_end_is_left_again(walk, monkeypatch):
+    _, frames, _ = walk
+    odometry = in_another_light(walk)
+    course = odometry._course
+    course.stood = frames[BEFORE - 2].timestamp, np.eye(4)
+    before = now_of(course)
+    monkeypatch.setattr(odometry._doubt, "question", lambda *given: (Status.LOST, "it cannot be"))
+    assert odometry.track(frames[BEFORE]).reason == "it cannot be"
+    assert all(now is was for now, was in zip(now_of(course), before, strict=True))
+
+
+def now_of(course):
+    """Where a course goes on from."""
+    return course.key, course.T_key_last, course.stood
 
 
 def test_the_nearest_of_a_piece_come_first():

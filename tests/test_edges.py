@@ -64,14 +64,14 @@ def test_canny_is_that_of_opencv_on_the_same_gradients(blur, steps, low, high):
 def marked(du, dv, low, high):
     """By the kernel and by OpenCV; memory that was used before."""
     marks = np.full(du.shape, 77, np.uint8)
-    room = np.full(2 * du.size + 64, -1, np.int32)
-    given = du, dv, np.int32(low), np.int32(high), marks, room[: 2 * du.size]
+    room = np.full(2 * du.size + 65, -1, np.int32)
+    given = du, dv, np.int32(low), np.int32(high), marks, room[: 2 * du.size + 1]
     _, expected = both(
         "canny_edges",
         lambda: kernels.canny_edges(*given),
         lambda: cv2.Canny(du, dv, low, high),
     )
-    assert (room[2 * du.size :] == -1).all()
+    assert (room[2 * du.size + 1 :] == -1).all()
     return marks, expected
 
 

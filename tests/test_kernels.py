@@ -65,7 +65,8 @@ def depth_image(rng, shape=(120, 160)):
 @pytest.mark.parametrize("share", [0.0, 0.02, 1.0])
 def test_collect_edges(rng, shape, share):
     mask = (rng.random(shape) < share).astype(np.uint8) * np.uint8(255)
-    index = np.empty(2 * mask.size, np.int32)
+    room = np.full(2 * mask.size + 64, -1, np.int32)
+    index = room[: 2 * mask.size]
     count, expected = both(
         "collect_edges",
         lambda: kernels.collect_edges(mask, index),
@@ -73,6 +74,7 @@ def test_collect_edges(rng, shape, share):
     )
     assert count == len(expected)
     np.testing.assert_array_equal(index[:count], expected)
+    assert (room[2 * mask.size :] == -1).all()
 
 
 @pytest.mark.parametrize("finely", [False, True], ids=["pixel", "vertex"])

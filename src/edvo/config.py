@@ -392,8 +392,8 @@ class KeyframesConfig(Section):
     earlier: Annotated[int, Field(ge=0)] = Field(
         default=4,
         description="where a frame fits the keyframe too little to be trusted, as where light goes "
-        "to and fro, so many of the nearest of those kept are tried in its place; 0: none. Not in "
-        "the paper",
+        "to and fro, so many of the nearest of those kept are tried in its place; 0: none. Needs "
+        "planes.weight. Not in the paper",
     )
     min_overlap: Fraction = Field(
         default=0.75, description="rule motion: least share of the samples that fit the keyframe"

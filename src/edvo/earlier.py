@@ -5,7 +5,14 @@ moment later: of a keyframe made while it was dark hardly an edge fits then, tho
 shows the place as it looks again.
 """
 
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edvo import se3
 from edvo.course import LONGEST_PREDICTION_S, Course
+from edvo.doubt import Doubt
 from edvo.keyframes import Keyframe, KeyframeStore
 from edvo.kit import Kit
 from edvo.locating import Locator
@@ -15,6 +22,15 @@ from edvo.search import Seen
 from edvo.status import Status
 
 REACH_M = 0.6  # farther off they show too little of the same; a radian counts as a metre
+ELSEWHERE = "an earlier keyframe fits, but elsewhere than expected"
+
+
+class _Before(NamedTuple):
+    """What a course went on from before it went back."""
+
+    keyframe: Keyframe
+    T_key_last: NDArray[np.float64]
+    stood: tuple[float, NDArray[np.float64]] | None
 
 
 class EarlierKeyframes:
@@ -27,21 +43,32 @@ class EarlierKeyframes:
         Which goes on from the keyframe that fits.
     pieces : Pieces
         Of the path.
+    doubt : Doubt
     locator : Locator
     store : KeyframeStore
     """
 
     def __init__(
-        self, kit: Kit, course: Course, pieces: Pieces, locator: Locator, store: KeyframeStore
+        self,
+        kit: Kit,
+        course: Course,
+        pieces: Pieces,
+        doubt: Doubt,
+        locator: Locator,
+        store: KeyframeStore,
     ) -> None:
-        self._most, self._judge, self._clock = kit.config.keyframes.earlier, kit.judge, kit.clock
-        self._course, self._pieces, self._locator, self._store = course, pieces, locator, store
+        self._most = kit.config.keyframes.earlier if kit.fitter.is_on else 0
+        self._judge, self._clock, self._depth_alone = kit.judge, kit.clock, kit.depth_alone
+        self._course, self._pieces, self._doubt = course, pieces, doubt
+        self._locator, self._store = locator, store
+        self._before: _Before | None = None
 
-    def go_back(self, seen: Seen) -> Alignment | None:
-        """Go back to the near keyframe that a frame fits best, if it is beyond doubt that it does.
+    def go_back(self, seen: Seen) -> tuple[Alignment, Status, str] | None:
+        """Go back to the near keyframe that a frame fits best, if it fits one.
 
         Depth has to fit as ever: what a hand hides of the last one it hides of the others, too, and
-        where some edges of its own fit one of them it would lead the camera astray.
+        where some edges of its own fit one of them it would lead the camera astray. That the camera
+        then is elsewhere than expected is no motion, but what the keyframes are off each other.
 
         Parameters
         ----------
@@ -50,27 +77,44 @@ class EarlierKeyframes:
 
         Returns
         -------
-        Alignment or None
-            With that keyframe, from where the camera is expected; None where it is lost for longer
-            than a velocity lasts, or fits none.
+        (Alignment, Status, str) or None
+            With that keyframe, how far it is to be trusted, and why not further; None where it is
+            lost for longer than a velocity lasts, or fits none.
         """
-        course = self._course
-        if course.is_blind or course.period(seen.frame.timestamp) > LONGEST_PREDICTION_S:
+        course, timestamp = self._course, seen.frame.timestamp
+        self._before = None
+        bare = course.is_blind or self._depth_alone.has_to_tell(seen.samples)
+        if not self._most or bare or course.period(timestamp) > LONGEST_PREDICTION_S:
             return None
-        last, best = course.key, None
-        before = course.T_key_last
+        before = _Before(course.key, course.T_key_last, course.stood)
+        best: tuple[Keyframe, Alignment] | None = None
+        course.stood = None
         with self._clock("search"):
-            for key in self._near(last):
+            for key in self._near(before.keyframe):
                 course.compare_with(key)
                 found, status, _ = self._locator.register(seen)
                 fits = status is Status.TRACKED and self._judge.scatter.has_usual_depth(found)
                 if fits and (best is None or found.inliers > best[1].inliers):
                     best = key, found
+        self._before = before
         if best is None:
-            course.keyframe, course.T_key_last = last, before
+            self.stay()
             return None
-        course.compare_with(best[0])
-        return best[1]
+        key, found = best
+        course.compare_with(key)
+        leaps = self._locator.leaps(found, timestamp)
+        course.T_key_last = found.T_ref_cur @ se3.inverse(course.ahead(timestamp))
+        if not leaps:
+            return found, Status.TRACKED, ""
+        self._doubt.cast(timestamp, ELSEWHERE)
+        return found, Status.DEGRADED, ELSEWHERE
+
+    def stay(self) -> None:
+        """Go on from the last keyframe, since what fitted an earlier one is not believed."""
+        if self._before is not None:
+            course = self._course
+            course.keyframe, course.T_key_last, course.stood = self._before
+            self._before = None
 
     def _near(self, last: Keyframe) -> list[Keyframe]:
         """Choose those to be tried, the nearest first."""

@@ -230,7 +230,7 @@ class EdgeBuffers:
         self.du = np.empty((height, width), np.int16)
         self.dv = np.empty((height, width), np.int16)
         self.mask = np.empty((height, width), np.uint8)
-        self.room = np.empty(2 * height * width, np.int32)  # for lists of pixels
+        self.room = np.empty(2 * height * width + 1, np.int32)  # for lists of pixels
 
 
 def extract_edges(

@@ -23,8 +23,8 @@ NEWS = 1e-3  # m and rad, by which a part of a keyframe must be off to be moved 
 SOON_S = 1e-3  # instants that are one
 KNOWN_S = 4e-3  # to so much (one sigma), and one frame in so many is enough to keep them up
 RARELY = 4
-SURELY_S, SELDOM = 2e-3, 16  # the same of frames that readouts are tried on; until then they are
-NEWS_SHARE = 0.2  # on those that tell so much of what is known
+SURELY_S, SELDOM = 2e-3, 16  # the same of frames that readouts are tried on;
+NEWS_SHARE = 0.2  # until then on those that tell so much of what is known
 HASTY_S, TELLING_S = 8e-3, 12e-3  # one sigma of what a frame tells: at once, or by and by
 ROUGH_PX = 3  # window of depths that tell how far a shutter's readout moves an edge
 

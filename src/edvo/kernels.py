@@ -645,7 +645,7 @@ def canny_edges(du: I16, dv: I16, low: np.int32, high: np.int32, marks: U8, room
     each strong one; here all are thinned alike, and it starts from weak ones that have a strong one
     beside them, which are few. Gradients are those of an image of eleven bits at most: |du| + |dv|
     stays below 2^15. ``marks`` becomes 255 on edges, else 0; ``room`` to work in is for two entries
-    a pixel.
+    a pixel, and one more.
     """
     height, width = du.shape
     rows = np.zeros((3, width + 2), np.int16)
@@ -658,13 +658,14 @@ def canny_edges(du: I16, dv: I16, low: np.int32, high: np.int32, marks: U8, room
             below[:] = 0
         thin_row(du[v], dv[v], rows[(v + 2) % 3], rows[v % 3], below, low, high, marks[v])
     size = marks.size
-    seeds = room[size:].view(np.uint8)[:size].reshape(height, width)
+    begin = size + size % 2  # where eight marks at once are aligned
+    seeds = room[begin:].view(np.uint8)[:size].reshape(height, width)
     none = np.zeros(width, np.uint8)
     for v in range(height):
         over, under = marks[v - 1] if v > 0 else none, marks[v + 1] if v + 1 < height else none
         mark_seeds(over, marks[v], under, seeds[v])
     flat, seeds_flat = marks.reshape(-1), seeds.reshape(-1)
-    words, hits = seeds_flat[: size // 8 * 8].view(np.uint64), room[size + (size + 3) // 4 :]
+    words, hits = seeds_flat[: size // 8 * 8].view(np.uint64), room[begin + (size + 3) // 4 :]
     count = list_set(words, hits, room, seeds_flat)
     per_width = 1 / width
     for k in range(count):
@@ -4740,7 +4741,7 @@ def is_told(
     ``points`` (N, 3) are those of the samples, ``gradients`` (M, 2) those of the reference; the
     others are as `align` gives them. Writes ``told``, which is H and what is ``enough`` (6,) of
     each motion in units of ``sigma``, too. Returns whether that so many ``times`` is more than is
-    left out, along each motion, or is no number.
+    left out, along each motion, or is no number; what is ``left`` is not written then.
     """
     J, rest = np.empty(6), np.empty((6, 6))
     square = sigma * sigma

@@ -186,13 +186,12 @@ class KeyframeStore:
         list of Keyframe
             The nearest first.
         """
-        off = []
-        for key in self._keyframes:
-            T = se3.inverse(key.T_world_key) @ T_world_cam
-            off.append(math.hypot(*T[:3, 3].tolist()) + se3.rotation_angle(T))
-        order = sorted(range(len(off)), key=lambda i: off[i])
-        known = self._keyframes
-        return [known[i] for i in order if known[i].piece == piece and off[i] < reach]
+        off = {}
+        for i, key in enumerate(self._keyframes):
+            if key.piece == piece:
+                T = se3.inverse(key.T_world_key) @ T_world_cam
+                off[i] = math.hypot(*T[:3, 3].tolist()) + se3.rotation_angle(T)
+        return [self._keyframes[i] for i in sorted(off, key=off.__getitem__) if off[i] < reach]
 
     def before(self, piece: int) -> "KeyframeStore":
         """Choose the keyframes of earlier pieces.

@@ -19,7 +19,7 @@ from edvo.status import Status, agreement, speed_of
 FAR_STEP = "a far step: of what both see enough fits, and nothing else does"
 NOT_ALONE = "a far step, and beside where it led the edges fit as well"
 WIDE_PX = 2.0  # scale of a second look: of a turn that was not foreseen by so much
-LEAP_M_S2 = 30.0  # what moves a camera faster is a wrong match, more often than not
+LEAP_M_S2 = 30.0  # what pushes a camera harder is a wrong match, more often than not
 SURE = 0.8  # of the samples in place: depth that contradicts a far step then leads nowhere else
 
 
@@ -42,7 +42,7 @@ class Locator:
         self._evidence = kit.uncertainty.evidence
         two_stages = kit.config.matching.criterion == "robust-then-normal"
         self._begins_narrow = two_stages and kit.config.registration.first_sigma_px < WIDE_PX
-        self._knows_scale = kit.config.status.edge_jump > 0
+        self._asks_scatter = kit.config.status.edge_jump > 0
         self._course, self._doubt = course, doubt
 
     def locate(self, seen: Seen) -> tuple[Alignment, Status, str]:
@@ -73,8 +73,8 @@ class Locator:
         is_wide = not far and self._judge.scatter.is_wide(alignment)
         if is_wide:
             self._judge.scatter.widen()
-        leaps = status is Status.LOST or self._leaps(alignment, timestamp)
-        if is_wide or (self._knows_scale and not far and leaps):
+        off = status is Status.LOST or self.leaps(alignment, timestamp)
+        if is_wide or (off and not far and self._asks_depth(seen)):
             with self._clock("search"):
                 alignment = self._sharpest(seen, starts, term, alignment)
                 status, reason = self.assess(alignment, timestamp)
@@ -216,14 +216,31 @@ class Locator:
         edges = self._course.key.edges_for(near=seen.is_near).edges
         return len(self._evidence.untold(edges, seen.samples, alignment)) > 0
 
-    def _leaps(self, alignment: Alignment, timestamp: float) -> bool:
-        """Whether a registration is farther from where it was expected than a hand moves."""
+    def leaps(self, alignment: Alignment, timestamp: float) -> bool:
+        """Whether a registration is farther from where it was expected than a hand moves a camera.
+
+        Parameters
+        ----------
+        alignment : Alignment
+        timestamp : float
+            Of the frame, seconds.
+
+        Returns
+        -------
+        bool
+            False where it does not follow closely on the last pose, so that nothing is expected.
+        """
         course = self._course
         if not course.follows(timestamp):
             return False
         T_expected = course.T_key_last @ course.ahead(timestamp)
         x, y, z = (alignment.T_ref_cur[:3, 3] - T_expected[:3, 3]).tolist()
         return math.hypot(x, y, z) > LEAP_M_S2 * course.period(timestamp) ** 2
+
+    def _asks_depth(self, seen: Seen) -> bool:
+        """Whether there is a usual scale, and depth, to register by a second time."""
+        known = self._asks_scatter and self._judge.scatter.is_known
+        return known and len(seen.points.sigma) > 0
 
     def _is_lost(self, alignment: Alignment, timestamp: float) -> bool:
         return self.assess(alignment, timestamp)[0] is Status.LOST

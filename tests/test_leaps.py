@@ -1,0 +1,58 @@
+"""A registration that leads where no hand moves a camera is looked at again from depth."""
+
+import numpy as np
+import pytest
+
+from edvo import se3
+from edvo.config import Config
+from edvo.odometry import Odometry, Status
+from edvo.synthesis.sequence import SyntheticSource, make_recipe
+
+KNOWN = 6  # frames, until the usual scale is known
+# what else may find that it is wrong
+ALONE = "motion.search_deg=0", "keyframes.earlier=0", "status.max_conflict=0"
+ALONE = *ALONE, "status.depth_jump=1e6", "status.max_depth_sigma=1e6"
+ONE_UP = np.array([0.0, -0.17, 0.28, 0.0, 0.0, 0.0])  # about a step of the stairs
+
+
+@pytest.fixture(scope="module")
+def stairs():
+    """Frames before stairs, and where they are in the camera of the first one."""
+    source = SyntheticSource(make_recipe("stairs", frames=KNOWN + 1))
+    frames = [source.read(i).frame for i in range(len(source))]
+    truth = [source.ground_truth.at(frame.timestamp) for frame in frames]
+    return source.camera, frames, [se3.inverse(truth[0]) @ T for T in truth]
+
+
+def after_a_wrong_start(stairs, monkeypatch, *overrides):
+    """Track, and let the last frame be registered first from one step up alone."""
+    camera, frames, truth = stairs
+    odometry = Odometry(camera, Config().with_overrides(overrides))
+    for frame in frames[:KNOWN]:
+        assert odometry.track(frame).status is Status.TRACKED
+    align, asked = odometry._registration.align, []
+
+    def wrong_at_first(reference, samples, starts, *given, **more):
+        asked.append(starts)
+        if len(asked) == 1:
+            starts = (starts[0] @ se3.exp(ONE_UP))[None]
+        return align(reference, samples, starts, *given, **more)
+
+    monkeypatch.setattr(odometry._registration, "align", wrong_at_first)
+    result = odometry.track(frames[KNOWN])
+    off = se3.inverse(truth[KNOWN]) @ result.T_world_cam
+    return result, float(np.linalg.norm(off[:3, 3])), len(asked)
+
+
+def test_one_step_is_not_taken_for_the_next(stairs, monkeypatch):
+    result, off, asked = after_a_wrong_start(stairs, monkeypatch, *ALONE)
+    assert result.status is Status.TRACKED
+    assert off < 0.002
+    assert asked > 1
+
+
+@pytest.mark.parametrize("overrides", [["status.edge_jump=0"], ["planes.weight=0"]])
+def test_where_it_is_not_asked_or_there_is_no_depth_it_is(stairs, monkeypatch, overrides):
+    result, off, asked = after_a_wrong_start(stairs, monkeypatch, *ALONE, *overrides)
+    assert result.status is Status.LOST or off > 0.05
+    assert asked == 1
