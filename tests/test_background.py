@@ -100,8 +100,9 @@ def test_where_people_fit_no_longer_the_hall_is_found_in_the_frame(others: Synth
     assert away[7] > 0.1  # gone along with them
     assert away[8:].max() < 0.06
     assert set(statuses[8:]) == {Status.DEGRADED}
-    _, statuses = errors(others, range(14), *LATE, *FOLLOW)
-    assert set(statuses[8:]) == {Status.LOST}
+    away, statuses = errors(others, range(14), *LATE, *FOLLOW)
+    assert set(statuses[8:13]) == {Status.LOST}  # depth leads half of the way back in the last one
+    assert away[12] > 0.3
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5])
