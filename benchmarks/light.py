@@ -45,7 +45,7 @@ TEXTURED, TEXTURED_LIMIT = ("texture_far", "texture_near", "office"), 0.010
 MOST_WORSE = 1.1  # error under changing light over that under constant light
 DRAWN = 1.5  # the same, beyond which it is looked at where that comes from
 SEVERITIES = (0.5, 1.0)
-SEVERITY = SEVERITIES[0]  # what the pictures are of
+SEVERITY = SEVERITIES[0]  # what brightness over time is drawn of
 CURVE = (0.0, 0.25, 0.5, 0.75, 1.0)
 CURVE_OF = ("texture_far", "tum_fr1_xyz")
 BRIGHTNESS_OF = "tum_fr1_xyz"
@@ -118,7 +118,7 @@ def clips(seconds: float, only: str | None) -> Iterator[Clip]:
 def show_misses(
     clip: Clip, results: Sequence[Result], relighters: dict[float, Relighter], out: Path
 ) -> list[str]:
-    """Draw where the errors come from, in light that makes much worse what was promised."""
+    """Draw where the errors come from, in light that makes them much greater, or loses poses."""
     before = median_of(pick(results, clip.name, OURS, 0.0))
     parts = []
     for severity in SEVERITIES:

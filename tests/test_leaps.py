@@ -1,10 +1,13 @@
 """A registration that leads where no hand moves a camera is looked at again from depth."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from edvo import se3
 from edvo.config import Config
+from edvo.locating import LEAPT
 from edvo.odometry import Odometry, Status
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
 
@@ -56,3 +59,26 @@ def test_where_it_is_not_asked_or_there_is_no_depth_it_is(stairs, monkeypatch, o
     result, off, asked = after_a_wrong_start(stairs, monkeypatch, *ALONE, *overrides)
     assert result.status is Status.LOST or off > 0.05
     assert asked == 1
+
+
+def test_where_nothing_else_is_found_it_is_degraded_and_so_is_what_follows(stairs, monkeypatch):
+    camera, frames, _ = stairs
+    odometry = Odometry(camera)
+    for frame in frames[: KNOWN - 1]:
+        assert odometry.track(frame).status is Status.TRACKED
+    odometry._course.velocity[:3] += 2.0  # by which it is expected 0.1 m off
+    results = [odometry.track(frame) for frame in frames[KNOWN - 1 :]]
+    assert [result.status for result in results] == [Status.DEGRADED, Status.DEGRADED]
+    assert {result.reason for result in results} == {LEAPT}
+
+
+@pytest.mark.parametrize(("speed", "leaps"), [(1.9, False), (5.0, True)])
+def test_at_first_a_camera_may_go_as_fast_as_one_walks(stairs, speed, leaps):
+    camera, frames, _ = stairs
+    odometry = Odometry(camera)
+    odometry.track(frames[0])
+    found = SimpleNamespace(T_ref_cur=se3.exp([speed / 30, 0, 0, 0, 0, 0]))
+    assert odometry._locator.leaps(found, frames[0].timestamp + 1 / 30) is leaps
+    odometry._course.velocity[2] = 0.01
+    assert odometry._locator.leaps(found, frames[0].timestamp + 1 / 30)
+    assert not odometry._locator.leaps(found, frames[0].timestamp + 0.3)

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from edvo import se3
 from edvo.course import LONGEST_PREDICTION_S, Course
-from edvo.doubt import Doubt
 from edvo.keyframes import Keyframe, KeyframeStore
 from edvo.kit import Kit
 from edvo.locating import Locator
@@ -22,7 +21,6 @@ from edvo.search import Seen
 from edvo.status import Status
 
 REACH_M = 0.6  # farther off they show too little of the same; a radian counts as a metre
-ELSEWHERE = "an earlier keyframe fits, but elsewhere than expected"
 
 
 class _Before(NamedTuple):
@@ -43,7 +41,6 @@ class EarlierKeyframes:
         Which goes on from the keyframe that fits.
     pieces : Pieces
         Of the path.
-    doubt : Doubt
     locator : Locator
     store : KeyframeStore
     """
@@ -53,22 +50,22 @@ class EarlierKeyframes:
         kit: Kit,
         course: Course,
         pieces: Pieces,
-        doubt: Doubt,
         locator: Locator,
         store: KeyframeStore,
     ) -> None:
         self._most = kit.config.keyframes.earlier if kit.fitter.is_on else 0
         self._judge, self._clock, self._depth_alone = kit.judge, kit.clock, kit.depth_alone
-        self._course, self._pieces, self._doubt = course, pieces, doubt
+        self._course, self._pieces = course, pieces
         self._locator, self._store = locator, store
         self._before: _Before | None = None
 
-    def go_back(self, seen: Seen) -> tuple[Alignment, Status, str] | None:
+    def go_back(self, seen: Seen) -> Alignment | None:
         """Go back to the near keyframe that a frame fits best, if it fits one.
 
         Depth has to fit as ever: what a hand hides of the last one it hides of the others, too, and
         where some edges of its own fit one of them it would lead the camera astray. That the camera
-        then is elsewhere than expected is no motion, but what the keyframes are off each other.
+        then has gone farther or less far than expected is no motion, but what the keyframes are off
+        each other; that it has turned otherwise is one.
 
         Parameters
         ----------
@@ -77,44 +74,39 @@ class EarlierKeyframes:
 
         Returns
         -------
-        (Alignment, Status, str) or None
-            With that keyframe, how far it is to be trusted, and why not further; None where it is
-            lost for longer than a velocity lasts, or fits none.
+        Alignment or None
+            With that keyframe; None where it is lost for longer than a velocity lasts, or fits none
+            where a hand may have moved it.
         """
         course, timestamp = self._course, seen.frame.timestamp
-        self._before = None
         bare = course.is_blind or self._depth_alone.has_to_tell(seen.samples)
         if not self._most or bare or course.period(timestamp) > LONGEST_PREDICTION_S:
             return None
-        before = _Before(course.key, course.T_key_last, course.stood)
+        self._before = _Before(course.key, course.T_key_last, course.stood)
         best: tuple[Keyframe, Alignment] | None = None
         course.stood = None
         with self._clock("search"):
-            for key in self._near(before.keyframe):
+            for key in self._near(course.key):
                 course.compare_with(key)
                 found, status, _ = self._locator.register(seen)
                 fits = status is Status.TRACKED and self._judge.scatter.has_usual_depth(found)
                 if fits and (best is None or found.inliers > best[1].inliers):
                     best = key, found
-        self._before = before
         if best is None:
             self.stay()
             return None
         key, found = best
         course.compare_with(key)
-        leaps = self._locator.leaps(found, timestamp)
-        course.T_key_last = found.T_ref_cur @ se3.inverse(course.ahead(timestamp))
-        if not leaps:
-            return found, Status.TRACKED, ""
-        self._doubt.cast(timestamp, ELSEWHERE)
-        return found, Status.DEGRADED, ELSEWHERE
+        step = se3.inverse(course.T_key_last) @ found.T_ref_cur
+        step[:3, 3] = course.ahead(timestamp)[:3, 3]
+        course.T_key_last = found.T_ref_cur @ se3.inverse(step)
+        return found
 
     def stay(self) -> None:
         """Go on from the last keyframe, since what fitted an earlier one is not believed."""
         if self._before is not None:
             course = self._course
             course.keyframe, course.T_key_last, course.stood = self._before
-            self._before = None
 
     def _near(self, last: Keyframe) -> list[Keyframe]:
         """Choose those to be tried, the nearest first."""

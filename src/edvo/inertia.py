@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from edvo import kernels, se3
 from edvo.config import Config
 from edvo.course import FADING_S
-from edvo.uncertainty import BOUNDS, in_current_camera
+from edvo.uncertainty import BOUNDS, PER_SQUARES, in_current_camera
 
 HAND = np.array([3.0] * 3 + [6.0] * 3)  # how a hand accelerates, m/s^2 and rad/s^2 (one sigma)
 PRIOR_ALONE = 100.0  # times the variance that is called not constrained: 0.3 m or 12 degrees
@@ -22,7 +22,7 @@ NOTHING = 1e4  # the same, of what no registration has told
 UNKNOWN = np.array([0.5] * 3 + [1.0] * 3)  # velocity at first, m/s and rad/s (one sigma)
 LOOSE = 1 / 3  # of what is called not constrained; a registration that is surer stands as it is
 LASTING_S = 0.15  # after so long without one that stands, what the filter is sure of is doubtful
-_HAND, _PER_BOUNDS, _PER_SQUARES = HAND**2, 1 / np.outer(BOUNDS, BOUNDS), BOUNDS**-2
+_HAND, _PER_BOUNDS = HAND**2, 1 / np.outer(BOUNDS, BOUNDS)
 
 
 class Inertia:
@@ -121,7 +121,7 @@ class Inertia:
 
 def _largest(covariance: NDArray[np.float64]) -> float:
     """The largest variance of a motion, in units of what is called not constrained; 0 if small."""
-    most = float(covariance.diagonal() @ _PER_SQUARES)
+    most = float(covariance.diagonal() @ PER_SQUARES)
     if most < LOOSE**2:  # as then is each
         return 0.0
     return float(np.linalg.eigvalsh(covariance * _PER_BOUNDS)[-1])

@@ -2899,14 +2899,14 @@ def write_adjoint(T: F64, Ad: F64) -> None:
 
 
 @lean
-def carry_rows(M: F64, P: F64, carried: F64) -> None:
-    """Write a product of two (6, 6)."""
+def multiply_six(A: F64, B: F64, AB: F64) -> None:
+    """Write the product of two matrices of (6, 6)."""
     for i in range(6):
         for j in range(6):
             total = 0.0
             for k in range(6):
-                total += M[i, k] * P[k, j]
-            carried[i, j] = total
+                total += A[i, k] * B[k, j]
+            AB[i, j] = total
 
 
 @compiled
@@ -2914,13 +2914,8 @@ def carry_covariance(T: F64, C: F64, carried: F64) -> None:
     """Write Ad C Ad^T with the adjoint Ad of a rigid motion: what is known of twists beyond it."""
     Ad, half = np.empty((6, 6)), np.empty((6, 6))
     write_adjoint(T, Ad)
-    carry_rows(Ad, C, half)
-    for i in range(6):
-        for j in range(6):
-            total = 0.0
-            for k in range(6):
-                total += half[i, k] * Ad[j, k]
-            carried[i, j] = total
+    multiply_six(Ad, C, half)
+    multiply_six(half, Ad.T, carried)
 
 
 @compiled
@@ -2941,12 +2936,12 @@ def filter_pose(
     that of the last camera by the inverse of ``T_cur_last``. ``acceleration`` (6,) are variances. P
     and ``velocity`` are corrected, and by what the pose is, is written to ``step``.
     """
-    S, Ad = np.empty((6, 6)), np.empty((6, 6))
-    carry_covariance(T_cur_last, P[0], S)  # what the pose is off by, to the camera as it moves
-    P[0] = S
-    write_adjoint(T_cur_last, Ad)
-    carry_rows(Ad, P[1], S)
-    P[1] = S
+    S, Ad, half = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
+    write_adjoint(T_cur_last, Ad)  # what the pose is off by, to the camera as it moves
+    multiply_six(Ad, P[0], half)
+    multiply_six(half, Ad.T, P[0])
+    multiply_six(Ad, P[1], half)
+    P[1] = half
     A, B, D = P[0], P[1], P[2]
     L, W, V = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
     square = seconds * seconds

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edvo import kernels, se3
-from edvo.course import Course
+from edvo.course import LONGEST_PREDICTION_S, Course
 from edvo.doubt import STEPPED, Doubt
 from edvo.kit import Kit
 from edvo.planes import DepthTerm, thinned
@@ -20,6 +20,8 @@ FAR_STEP = "a far step: of what both see enough fits, and nothing else does"
 NOT_ALONE = "a far step, and beside where it led the edges fit as well"
 WIDE_PX = 2.0  # scale of a second look: of a turn that was not foreseen by so much
 LEAP_M_S2 = 30.0  # what pushes a camera harder is a wrong match, more often than not
+AT_FIRST_M_S = 2.0  # that a camera may go by while its velocity is not known
+LEAPT = "farther from where it was expected than a hand moves a camera"
 SURE = 0.8  # of the samples in place: depth that contradicts a far step then leads nowhere else
 
 
@@ -57,6 +59,13 @@ class Locator:
         (Alignment, Status, str)
             How far it is to be trusted, and why not further.
         """
+        alignment, status, reason = self._looked_for(seen)
+        if reason == LEAPT:
+            self._doubt.cast(seen.frame.timestamp, LEAPT)
+        return alignment, status, reason
+
+    def _looked_for(self, seen: Seen) -> tuple[Alignment, Status, str]:
+        """Do so; what a place that it leapt to is worth is not known, and doubted later."""
         course, key, timestamp = self._course, self._course.key, seen.frame.timestamp
         far = course.is_far_step(timestamp)
         with self._clock("registration"):
@@ -73,7 +82,7 @@ class Locator:
         is_wide = not far and self._judge.scatter.is_wide(alignment)
         if is_wide:
             self._judge.scatter.widen()
-        off = status is Status.LOST or self.leaps(alignment, timestamp)
+        off = status is Status.LOST or reason == LEAPT
         if is_wide or (off and not far and self._asks_depth(seen)):
             with self._clock("search"):
                 alignment = self._sharpest(seen, starts, term, alignment)
@@ -164,7 +173,10 @@ class Locator:
         """
         T_last_cur, period = self._course.moved(alignment.T_ref_cur, timestamp)
         follows = self._course.follows(timestamp)
-        return self._judge.judge(alignment, *speed_of(T_last_cur, period), follows=follows)
+        said = self._judge.judge(alignment, *speed_of(T_last_cur, period), follows=follows)
+        if said[0] is Status.TRACKED and self._asks_scatter and self.leaps(alignment, timestamp):
+            return Status.DEGRADED, LEAPT
+        return said
 
     def settled(self, seen: Seen, alignment: Alignment) -> Seen:
         """Move depth and rows by what the camera has moved by, no longer by what was expected.
@@ -228,14 +240,15 @@ class Locator:
         Returns
         -------
         bool
-            False where it does not follow closely on the last pose, so that nothing is expected.
+            False where the last pose is older than a velocity lasts, so that nothing is expected.
         """
-        course = self._course
-        if not course.follows(timestamp):
+        course, period = self._course, self._course.period(timestamp)
+        if period > LONGEST_PREDICTION_S:
             return False
         T_expected = course.T_key_last @ course.ahead(timestamp)
         x, y, z = (alignment.T_ref_cur[:3, 3] - T_expected[:3, 3]).tolist()
-        return math.hypot(x, y, z) > LEAP_M_S2 * course.period(timestamp) ** 2
+        unknown = 0.0 if course.velocity.any() else AT_FIRST_M_S
+        return math.hypot(x, y, z) > (unknown + LEAP_M_S2 * period) * period
 
     def _asks_depth(self, seen: Seen) -> bool:
         """Whether there is a usual scale, and depth, to register by a second time."""

@@ -153,7 +153,7 @@ class Odometry:
             kit, course, self._pieces, self._doubt, self._standing, self._upkeep
         )
         self._earlier = EarlierKeyframes(
-            kit, course, self._pieces, self._doubt, self._locator, self._upkeep.store
+            kit, course, self._pieces, self._locator, self._upkeep.store
         )
         self._blind = Blind(kit, course, self._doubt)
 
@@ -223,12 +223,11 @@ class Odometry:
                 return self._give_up(seen, UNSURE if adrift else NOWHERE, None)
             return self._accept(seen, *found, is_found=True)
         alignment, status, reason, still = self._standing.register(seen)
-        is_back = False
+        back = None
         if status is Status.LOST and not self._standing.is_moving(frame.timestamp):
-            again = self._earlier.go_back(seen)
-            if again is not None:
-                alignment, status, reason = again
-                is_back = True
+            back = self._earlier.go_back(seen)
+            if back is not None:
+                alignment, status, reason = back, Status.TRACKED, ""
         if status is Status.LOST:
             # it may be where it was before
             found = self._recovery.find(seen) if self._pieces.here else None
@@ -240,10 +239,10 @@ class Odometry:
         registered = alignment, status, reason, still
         alignment, status, reason, still = self._standing.confirm(seen, *registered)
         if status is Status.LOST:
-            if is_back:
+            if back is not None:
                 self._earlier.stay()
             return self._lose_sight(seen, reason, alignment)
-        if is_back:
+        if back is not None:
             self._inertia.forget()
         if status is Status.DEGRADED and still is None:
             self._doubt.mind_change(alignment, frame.timestamp)

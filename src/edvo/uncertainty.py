@@ -28,7 +28,7 @@ _UNIT, _PRIOR = np.eye(6), np.diag(PRIOR)
 # A direction is degenerate where the pose may be off by 5 cm or 2 degrees: its 90 % interval.
 DEGENERATE_M, DEGENERATE_RAD = 0.05 / 1.645, np.radians(2.0) / 1.645
 BOUNDS = np.array([DEGENERATE_M] * 3 + [DEGENERATE_RAD] * 3)
-_PER_SQUARES = BOUNDS**-2
+PER_SQUARES = BOUNDS**-2  # of which the sum over variances is below 1 where each motion is told
 AXES = ("x", "y", "z")
 PURE = 0.1  # share of the smaller part below which a motion is a translation or a rotation alone
 AXIAL = np.cos(np.radians(15.0))  # a direction nearer to an axis is named by that
@@ -262,7 +262,7 @@ def degenerate_directions(covariance: NDArray[np.float64]) -> NDArray[np.float64
         or 1.2 degrees (a 90 % interval of 5 cm or 2 degrees): translations first, then rotations,
         then what is both; along the camera's axes as far as can be.
     """
-    if covariance.diagonal() @ _PER_SQUARES < 1:  # as then is each eigenvalue; none is negative
+    if covariance.diagonal() @ PER_SQUARES < 1:  # as then is each eigenvalue; none is negative
         return np.empty((0, 6))
     values, vectors = np.linalg.eigh(covariance / np.outer(BOUNDS, BOUNDS))
     loose = vectors[:, values > 1]
