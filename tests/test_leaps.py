@@ -61,14 +61,14 @@ def test_where_it_is_not_asked_or_there_is_no_depth_it_is(stairs, monkeypatch, o
     assert asked == 1
 
 
-def test_where_nothing_else_is_found_it_is_degraded_and_so_is_what_follows(stairs, monkeypatch):
+def test_where_nothing_else_is_found_it_is_lost(stairs, monkeypatch):
     camera, frames, _ = stairs
     odometry = Odometry(camera)
     for frame in frames[: KNOWN - 1]:
         assert odometry.track(frame).status is Status.TRACKED
     odometry._course.velocity[:3] += 2.0  # by which it is expected 0.1 m off
     results = [odometry.track(frame) for frame in frames[KNOWN - 1 :]]
-    assert [result.status for result in results] == [Status.DEGRADED, Status.DEGRADED]
+    assert [result.status for result in results] == [Status.LOST, Status.LOST]
     assert {result.reason for result in results} == {LEAPT}
 
 

@@ -59,13 +59,6 @@ class Locator:
         (Alignment, Status, str)
             How far it is to be trusted, and why not further.
         """
-        alignment, status, reason = self._looked_for(seen)
-        if reason == LEAPT:
-            self._doubt.cast(seen.frame.timestamp, LEAPT)
-        return alignment, status, reason
-
-    def _looked_for(self, seen: Seen) -> tuple[Alignment, Status, str]:
-        """Do so; what a place that it leapt to is worth is not known, and doubted later."""
         course, key, timestamp = self._course, self._course.key, seen.frame.timestamp
         far = course.is_far_step(timestamp)
         with self._clock("registration"):
@@ -82,8 +75,7 @@ class Locator:
         is_wide = not far and self._judge.scatter.is_wide(alignment)
         if is_wide:
             self._judge.scatter.widen()
-        off = status is Status.LOST or reason == LEAPT
-        if is_wide or (off and not far and self._asks_depth(seen)):
+        if is_wide or (status is Status.LOST and not far and self._asks_depth(seen)):
             with self._clock("search"):
                 alignment = self._sharpest(seen, starts, term, alignment)
                 status, reason = self.assess(alignment, timestamp)
@@ -174,9 +166,9 @@ class Locator:
         T_last_cur, period = self._course.moved(alignment.T_ref_cur, timestamp)
         follows = self._course.follows(timestamp)
         said = self._judge.judge(alignment, *speed_of(T_last_cur, period), follows=follows)
-        if said[0] is Status.TRACKED and self._asks_scatter and self.leaps(alignment, timestamp):
-            return Status.DEGRADED, LEAPT
-        return said
+        if said[0] is Status.LOST or not self._asks_scatter or not self.leaps(alignment, timestamp):
+            return said
+        return Status.LOST, LEAPT
 
     def settled(self, seen: Seen, alignment: Alignment) -> Seen:
         """Move depth and rows by what the camera has moved by, no longer by what was expected.
