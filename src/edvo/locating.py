@@ -166,7 +166,9 @@ class Locator:
         T_last_cur, period = self._course.moved(alignment.T_ref_cur, timestamp)
         follows = self._course.follows(timestamp)
         said = self._judge.judge(alignment, *speed_of(T_last_cur, period), follows=follows)
-        if said[0] is Status.LOST or not self._asks_scatter or not self.leaps(alignment, timestamp):
+        # from a doubtful pose, as one that went along with people, it may well come back at once
+        expected = self._asks_scatter and self._doubt.is_sure
+        if said[0] is Status.LOST or not expected or not self.leaps(alignment, timestamp):
             return said
         return Status.LOST, LEAPT
 
