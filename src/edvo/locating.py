@@ -167,7 +167,8 @@ class Locator:
         follows = self._course.follows(timestamp)
         said = self._judge.judge(alignment, *speed_of(T_last_cur, period), follows=follows)
         # from a doubtful pose, as one that went along with people, it may well come back at once
-        expected = self._asks_scatter and self._doubt.is_sure
+        sure = self._doubt.is_sure and not self._doubt.lasts(timestamp)
+        expected = self._asks_scatter and sure
         if said[0] is Status.LOST or not expected or not self.leaps(alignment, timestamp):
             return said
         return Status.LOST, LEAPT
