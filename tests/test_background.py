@@ -21,7 +21,7 @@ from edvo.odometry import Odometry, Status
 from edvo.planes import PlaneFitter, PlaneMap, PlanePoints
 from edvo.registration import AT_ONCE, Registration
 from edvo.report.sights import look
-from edvo.search import Seen
+from edvo.seen import Seen
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
 
 from . import problems, twins

@@ -17,7 +17,7 @@ from edvo.odometry import Odometry, Status
 from edvo.planes import PlaneFitter, camera_of, move_points
 from edvo.registration import AT_ONCE, Registration
 from edvo.sampling import sample_edges
-from edvo.search import Seen
+from edvo.seen import Seen
 from edvo.synthesis.clock import Clock
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
 

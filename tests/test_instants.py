@@ -72,6 +72,8 @@ def test_a_keyframe_is_moved_once_its_velocity_is_known(problem):
     T_cam_depth = instants.depth.motion(VELOCITY, problem.frame.depth_delay)
     assert same(changed.planes, problem.fitter.planes(problem.frame.depth, T_cam_depth))
     assert not same(changed.planes, keyframe.planes)
+    points = move_points(keyframe.points, T_cam_depth)
+    np.testing.assert_allclose(changed.points.X, points.X, atol=1e-12)
     rough = CONFIG.edges.model_copy(update={"depth_window_px": ROUGH_PX})
     depths, rough_ones = (
         depth_at_edges(problem.frame.depth, problem.seen.edges.index, config)
@@ -160,6 +162,17 @@ def test_samples_and_points_are_moved_to_the_instant_of_the_image(problem):
     np.testing.assert_allclose(
         again.points.X, instants.depth.settled(seen, -VELOCITY).points.X, atol=1e-12
     )
+
+
+@pytest.mark.parametrize("readout", [READOUT, -READOUT])
+def test_rows_that_are_read_from_either_end_matter(problem, readout):
+    instants, seen = problem.instants, problem.seen
+    assert not instants.matter(seen)
+    know(instants, delay=0.0, readout=readout)
+    assert instants.matter(seen)
+    settled = instants.settled(seen, se3.exp(VELOCITY * PERIOD), PERIOD)
+    assert abs(settled.samples.pixels - seen.samples.pixels).max() > 1
+    assert settled.T_cam_depth is None
 
 
 def test_a_registration_is_told_of_both(problem):

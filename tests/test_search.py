@@ -14,7 +14,8 @@ from edvo.frame import Frame
 from edvo.locating import NOT_ALONE
 from edvo.odometry import Odometry, Status
 from edvo.sampling import sample_edges
-from edvo.search import Seen, _Place
+from edvo.search import Found, _Place
+from edvo.seen import Seen
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
 from edvo.trajectory import Trajectory
 
@@ -326,9 +327,10 @@ def test_of_two_places_that_fit_neither_is_taken(began, monkeypatch, worth, is_f
     found = search._register(key, seen.samples, seen.points, truth)
     elsewhere = truth.copy()
     elsewhere[0, 3] += 1.0
+    away, hunt = replace(found, T_ref_cur=elsewhere), search._hunt(seen, [np.eye(4)], 1.0)
     places = [
-        _Place(1.0, truth, key, found, 0.8, True),
-        _Place(worth, elsewhere, key, replace(found, T_ref_cur=elsewhere), 0.8, True),
+        _Place(1.0, truth, key, found, 0.8, True, hunt, False),
+        _Place(worth, elsewhere, key, away, 0.8, True, hunt, False),
     ]
     monkeypatch.setattr(search, "_glance", lambda *given: [])
     monkeypatch.setattr(search, "_promising", lambda *given: [])
@@ -350,7 +352,9 @@ def test_found_again_from_a_doubtful_pose_is_degraded_for_a_second(apart):
     for k in range(3):
         odometry.skip(t + 0.2 * k, "no depth")
     found = odometry._search._register(key, key.samples, key.points, np.eye(4))
-    odometry._search.everywhere = lambda *given: (key, found)
+    odometry._search.everywhere = lambda store, last, seen, *given, **more: Found(
+        key, found, seen, None, False
+    )
     rng = np.random.default_rng(0)
     states = {}
     for after in (0.0, 0.5, 1.1):

@@ -16,7 +16,8 @@ from edvo.depth_alone import DepthAlone
 from edvo.keyframes import Keyframe
 from edvo.planes import PlaneFitter
 from edvo.registration import Registration
-from edvo.search import Search, Seen
+from edvo.search import Search
+from edvo.seen import Seen
 from edvo.status import Judge, Status, speed_of
 
 SETTLED_S = 0.5  # for so long images fit one another: the search has looked three times by then

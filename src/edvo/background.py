@@ -23,7 +23,8 @@ from edvo.keyframes import Keyframe
 from edvo.matching import Criterion
 from edvo.planes import PlaneFitter, PlaneMap, camera_of
 from edvo.registration import Alignment, Registration
-from edvo.search import Seen, is_apart
+from edvo.search import is_apart
+from edvo.seen import Seen
 
 YOUNG_S = 0.09  # in less hardly anything has moved by more than its noise
 APART_S, AGES_S = 0.1, (0.15, 0.3, 0.6, 1.0)  # of the images that are kept, and that are asked

@@ -13,7 +13,7 @@ from edvo.frame import Frame
 from edvo.freeze import glimpse
 from edvo.kit import Kit
 from edvo.registration import Alignment
-from edvo.search import Seen
+from edvo.seen import Seen
 from edvo.status import Status, speed_of
 from edvo.uncertainty import degenerate_directions, describe, in_current_camera
 

@@ -8,6 +8,7 @@ from edvo.errors import TrajectoryError
 from edvo.front_end import rigid
 from edvo.keyframes import Keyframe
 
+FASTEST_M_S = 2.0  # that a camera may go by while its velocity is not known
 LONGEST_PREDICTION_S = 0.2  # beyond it a constant velocity says nothing about a hand
 CRUISE_S = 0.5  # that the velocity is averaged over which a lost camera is expected to keep
 FADING_S = 0.5  # that a velocity lasts which nothing confirms, where depth alone goes on

@@ -7,6 +7,7 @@ change with the camera's velocity tells by how much the instants differ, and wit
 in between is known.
 """
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +19,7 @@ from edvo.kernels import Lag
 from edvo.measuring import Changes, Equations, Estimate, Moment
 from edvo.planes import PlaneFitter, camera_of, move_points
 from edvo.registration import AT_ONCE
-from edvo.search import Seen
+from edvo.seen import Seen
 
 EXPECTED_S = 0.01  # how large a delay is beyond the stamps, before anything is known (one sigma)
 LARGEST_S = 0.05  # stamps further apart are those of two clocks
@@ -89,6 +90,23 @@ class DepthDelay:
         if not self._is_on:
             return 0.0
         return min(max(credible(stamped) + self.seconds, -LARGEST_S), LARGEST_S)
+
+    def at_most(self, seen: Seen) -> float:
+        """Say by how much the instants of an image and of its depth may differ.
+
+        Parameters
+        ----------
+        seen : Seen
+
+        Returns
+        -------
+        float
+            Seconds, with what is not known of it (one sigma); 0 where it makes no difference.
+        """
+        if not self.matters(seen):
+            return 0.0
+        doubt = math.sqrt(self.estimate.variance) if self.estimate.wanted else 0.0
+        return abs(self._of(seen.frame.depth_delay)) + doubt
 
     def lag(self, seen: Seen, T_key_last: NDArray[np.float64], period: float) -> Lag:
         """Say when depth was taken, for a registration to move it along with the pose.

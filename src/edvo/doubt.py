@@ -15,7 +15,7 @@ from edvo.course import Course
 from edvo.keyframes import Keyframe
 from edvo.kit import Kit
 from edvo.registration import Alignment
-from edvo.search import Seen
+from edvo.seen import Seen
 from edvo.status import Status
 from edvo.witness import Surface, Witness
 

@@ -17,7 +17,7 @@ from edvo.kit import Kit
 from edvo.locating import Locator
 from edvo.pieces import Pieces
 from edvo.registration import Alignment
-from edvo.search import Seen
+from edvo.seen import Seen
 from edvo.status import Status
 
 REACH_M = 0.6  # farther off they show too little of the same; a radian counts as a metre

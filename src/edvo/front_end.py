@@ -21,7 +21,7 @@ from edvo.registration import Alignment, Registration
 from edvo.reobservation import Reobserved
 from edvo.rim import Rim
 from edvo.sampling import sample_edges
-from edvo.search import Seen
+from edvo.seen import Seen
 from edvo.sensor import DEPTH_NOISE
 
 SEED_STRIDE = 1_000_003  # frames that seeds keep apart

@@ -13,10 +13,10 @@ from edvo.edges import EdgePixels, depth_at_edges
 from edvo.kernels import Lag
 from edvo.keyframes import Keyframe
 from edvo.measuring import Moment, Moments
-from edvo.planes import PlaneFitter
+from edvo.planes import PlaneFitter, move_points
 from edvo.registration import Alignment, Registration
 from edvo.rolling import RollingShutter
-from edvo.search import Seen
+from edvo.seen import Seen
 from edvo.trial import ReadoutTrial, Rolled
 
 NEWS = 1e-3  # m and rad, by which a part of a keyframe must be off to be moved anew
@@ -111,6 +111,19 @@ class Instants:
         rows = self.rolling.rows(seen.samples.pixels)
         return lag._replace(T_ref_last=T_key_last, rows=rows / period) if len(rows) else lag
 
+    def matter(self, seen: Seen) -> bool:
+        """Say whether parts of a frame were taken at other instants than the frame.
+
+        Parameters
+        ----------
+        seen : Seen
+
+        Returns
+        -------
+        bool
+        """
+        return self.depth.matters(seen) or self.rolling.seconds != 0
+
     def settled(self, seen: Seen, T_last_cur: NDArray[np.float64], period: float) -> Seen:
         """Move the parts of a frame to its instant, by what the camera has moved by.
 
@@ -127,7 +140,7 @@ class Instants:
         -------
         Seen
         """
-        if not self.depth.matters(seen) and not self.rolling.seconds:
+        if not self.matter(seen):
             return seen
         velocity = se3.log(T_last_cur) / period
         seen = self.depth.settled(seen, velocity)
@@ -283,7 +296,10 @@ class Instants:
         now, then = (np.eye(4) if T is None else T for T in (T_cam_depth, held.T_cam_depth))
         if np.abs(se3.log(se3.inverse(then) @ now)).max() > NEWS:
             planes = self._fitter.planes(held.depth, T_cam_depth, fine=held.is_fine)
-            changed, held.T_cam_depth = replace(changed, planes=planes), T_cam_depth
+            # its samples keep the depth they had, which moves far less
+            points = move_points(keyframe.points, now @ se3.inverse(then))
+            changed = replace(changed, planes=planes, points=points)
+            held.T_cam_depth = T_cam_depth
         rolled = held.velocity * self.rolling.seconds / 2
         if np.abs(rolled - held.rolled).max() > NEWS:
             depths = held.depths(self._rough)

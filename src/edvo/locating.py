@@ -7,22 +7,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edvo import kernels, se3
-from edvo.course import LONGEST_PREDICTION_S, Course
+from edvo.course import FASTEST_M_S, LONGEST_PREDICTION_S, Course
 from edvo.doubt import STEPPED, Doubt
 from edvo.kit import Kit
 from edvo.planes import DepthTerm, thinned
 from edvo.registration import AT_ONCE, Alignment
 from edvo.scatter import clarity, is_sharper
-from edvo.search import STRIDE, Seen
-from edvo.status import Status, agreement, speed_of
+from edvo.search import STRIDE
+from edvo.seen import Seen
+from edvo.status import SURE, Status, agreement, speed_of
 
 FAR_STEP = "a far step: of what both see enough fits, and nothing else does"
 NOT_ALONE = "a far step, and beside where it led the edges fit as well"
 WIDE_PX = 2.0  # scale of a second look: of a turn that was not foreseen by so much
 LEAP_M_S2 = 30.0  # what pushes a camera harder is a wrong match, more often than not
-AT_FIRST_M_S = 2.0  # that a camera may go by while its velocity is not known
 LEAPT = "farther from where it was expected than a hand moves a camera"
-SURE = 0.8  # of the samples in place: depth that contradicts a far step then leads nowhere else
 
 
 class Locator:
@@ -242,7 +241,7 @@ class Locator:
             return False
         T_expected = course.T_key_last @ course.ahead(timestamp)
         x, y, z = (alignment.T_ref_cur[:3, 3] - T_expected[:3, 3]).tolist()
-        unknown = 0.0 if course.velocity.any() else AT_FIRST_M_S
+        unknown = 0.0 if course.velocity.any() else FASTEST_M_S
         return math.hypot(x, y, z) > (unknown + LEAP_M_S2 * period) * period
 
     def _asks_depth(self, seen: Seen) -> bool:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from edvo import kernels, se3
 from edvo.keyframes import Keyframe
 from edvo.registration import Alignment
-from edvo.search import Seen
+from edvo.seen import Seen
 
 LONGEST_S = 0.2  # between frames, for the velocity to be known
 MEMORY_S = 5.0  # that a number is taken from: clocks wander

@@ -34,7 +34,8 @@ from edvo.pieces import Pieces
 from edvo.planes import DepthTerm, PlaneFitter, PlaneMap, PlanePoints
 from edvo.recovery import Recovery
 from edvo.registration import Alignment, Registration
-from edvo.search import Search, Seen
+from edvo.search import Found, Search
+from edvo.seen import Seen
 from edvo.sharing import SharedErrors
 from edvo.stale import StaleDepth
 from edvo.standing import Standing
@@ -120,7 +121,12 @@ class Odometry:
         self._course = course = Course(T_world_cam)
         self._judge = Judge(self.config)
         self._search = Search(
-            self.camera, self.config, self._registration, self._fitter, self._judge
+            self.camera,
+            self.config,
+            self._registration,
+            self._fitter,
+            self._judge,
+            self._instants,
         )
         self._front_end.reset()
         self._shared.forget()
@@ -221,7 +227,7 @@ class Odometry:
             found = self._recovery.find(seen)
             if found is None:
                 return self._give_up(seen, UNSURE if adrift else NOWHERE, None)
-            return self._accept(seen, *found, is_found=True)
+            return self._settle(*found)
         alignment, status, reason, still = self._standing.register(seen)
         back = None
         if status is Status.LOST and not self._standing.is_moving(frame.timestamp):
@@ -233,7 +239,7 @@ class Odometry:
             found = self._recovery.find(seen) if self._pieces.here else None
             if found is None:
                 return self._give_up(seen, reason, alignment)
-            return self._accept(seen, *found, is_found=True)
+            return self._settle(*found)
         if still is None:
             seen = self._locator.settled(seen, alignment)
         registered = alignment, status, reason, still
@@ -359,6 +365,10 @@ class Odometry:
             timestamp, Status.TRACKED, "", np.eye(4), -1, is_keyframe=True, seen=seen
         )
 
+    def _settle(self, found: Found, status: Status, reason: str) -> TrackedFrame:
+        """Move on to where a lost camera is found."""
+        return self._accept(found.seen, found.alignment, status, reason, found=found)
+
     def _accept(
         self,
         seen: Seen,
@@ -367,11 +377,11 @@ class Odometry:
         reason: str,
         still: Still | None = None,
         *,
-        is_found: bool = False,
+        found: Found | None = None,
     ) -> TrackedFrame:
         """Move on to the pose found, and to a new keyframe where one is due.
 
-        Where it is found again it has not moved there: how fast it is, is not known.
+        A camera that was lost has not moved to where it is found: how fast it goes is told apart.
         """
         course, doubt, timestamp = self._course, self._doubt, seen.frame.timestamp
         registered = seen if still is None else still.seen
@@ -379,9 +389,13 @@ class Odometry:
         compared = key.planes, registered.points, self._fitter.term
         T_last_cur, seconds = course.moved(T_key_cur, timestamp)
         period = seconds if course.is_blind else course.period(timestamp)
-        follows = course.follows(timestamp) and not is_found
+        follows = course.follows(timestamp) and found is None
         covariance = self._covariance(registered, alignment, compared)
         self._move(alignment, covariance, T_last_cur, seconds, period, follows=follows)
+        velocity = course.velocity if follows else None
+        if found is not None:
+            velocity = found.velocity
+            course.velocity = np.zeros(6) if velocity is None else velocity
         course.is_blind = False
         self._recovery.note()
         if status is Status.TRACKED and doubt.lasts(timestamp):
@@ -427,7 +441,7 @@ class Odometry:
             share,
             covariance,
             period,
-            course.velocity if follows else None,
+            velocity,
             is_whole=still is None,
             is_tracked=status is Status.TRACKED,
         )
@@ -503,6 +517,7 @@ class Odometry:
     ) -> TrackedFrame:
         """Leave the state as it was, so that the next frame tries again from the keyframe."""
         self._instants.interrupt()
+        self._recovery.note_lost(seen)
         if not self._course.losses:
             self._upkeep.store_last_good(self._record.count)
         return self._record.lose(timestamp, reason, seen, alignment)

@@ -4,18 +4,25 @@ import math
 
 from edvo import se3
 from edvo.anew import SETTLED_S, Chain
-from edvo.course import FADING_S, LONG_LOST_FRAMES, LONG_LOST_S, Course
+from edvo.course import (
+    FADING_S,
+    LONG_LOST_FRAMES,
+    LONG_LOST_S,
+    LONGEST_PREDICTION_S,
+    Course,
+)
 from edvo.doubt import ASTRAY, Doubt
-from edvo.keyframes import Keyframe
 from edvo.kit import Kit
 from edvo.pieces import Pieces
 from edvo.registration import Alignment
-from edvo.search import Seen
+from edvo.search import Found
+from edvo.seen import Seen
 from edvo.standing import Standing
 from edvo.status import Status
 from edvo.upkeep import Upkeep
 
 RECOVERY_PERIOD_S = 0.15  # a frame is held against the stored keyframes no more often than that
+BY_EDGES = "found by its edges; depth is out of step with them, as the camera moves"
 LONGEST_GAP_S = 1.0  # for so long a lost camera is expected to keep its velocity
 
 
@@ -47,11 +54,13 @@ class Recovery:
         self._may_begin_anew = kit.config.status.lost == "begin-anew"
         self._front_end, self._depth_alone = kit.front_end, kit.depth_alone
         self._search, self._shared = kit.search, kit.shared
+        self._instants = kit.instants
         self._clock = kit.clock
         self._course, self._pieces, self._doubt = course, pieces, doubt
         self._standing, self._upkeep, self._store = standing, upkeep, upkeep.store
         self._chain = Chain(kit.registration, kit.fitter, kit.depth_alone, kit.search, kit.judge)
         self._last_time = -math.inf
+        self._before: Seen | None = None
 
     def is_adrift(self, timestamp: float) -> bool:
         """Whether depth alone has let it drift for so long that edges must find it again.
@@ -99,7 +108,7 @@ class Recovery:
         wanted = self._may_begin_anew and len(self._store) > 0
         return wanted and self._course.unseen(timestamp) > LONGEST_GAP_S - SETTLED_S
 
-    def find(self, seen: Seen) -> tuple[Alignment, Status, str] | None:
+    def find(self, seen: Seen) -> tuple[Found, Status, str] | None:
         """Go on from a stored keyframe, if the frame is sure to fit one.
 
         Parameters
@@ -108,8 +117,8 @@ class Recovery:
 
         Returns
         -------
-        (Alignment, Status, str) or None
-            With that keyframe, how far it is to be trusted, and why not further.
+        (Found, Status, str) or None
+            How far it is to be trusted, and why not further.
         """
         course, timestamp = self._course, seen.frame.timestamp
         with self._clock("recovery"):
@@ -117,14 +126,16 @@ class Recovery:
         if found is None:
             return None
         apart = self._pieces.here
-        course.keyframe, alignment = found
-        course.is_blind, course.T_key_last = False, alignment.T_ref_cur  # not moved, but found
+        course.keyframe = found.key
+        course.is_blind, course.T_key_last = False, found.alignment.T_ref_cur  # found, not moved
         self._forget_the_way()
         self._pieces.enter(course.keyframe.piece, timestamp - course.unseen(timestamp))
         if self._doubt.is_sure and not apart and not self._pieces.here:
-            return alignment, Status.TRACKED, ""
+            if found.by_edges:
+                return found, Status.DEGRADED, BY_EDGES
+            return found, Status.TRACKED, ""
         self._doubt.cast(timestamp, ASTRAY)
-        return alignment, Status.DEGRADED, ASTRAY
+        return found, Status.DEGRADED, ASTRAY
 
     def begin_anew(self, seen: Seen, index: int) -> bool:
         """Go on from where it was expected, once images fit one another.
@@ -161,6 +172,7 @@ class Recovery:
         self._shared.forget()
         self._chain.forget()
         self._search.forget()
+        self._before = None
         self._forget_the_way()
         self._doubt.calm()
         self._standing.remember(seen)
@@ -193,7 +205,7 @@ class Recovery:
         if found is None:
             return None
         T_last_cur = se3.inverse(course.T_key_last) @ alignment.T_ref_cur
-        course.keyframe, joined = found
+        course.keyframe, joined = found.key, found.alignment
         T = course.keyframe.T_world_key @ joined.T_ref_cur @ se3.inverse(T_world_cam)
         self._store.move(piece, course.keyframe.piece, T)
         if course.anchor is not None:
@@ -209,6 +221,17 @@ class Recovery:
         if not self._pieces.here:  # else a doubt lasts where it is to what was before
             self._search.forget()
         self._chain.forget()
+        self._before = None
+
+    def note_lost(self, seen: Seen | None) -> None:
+        """Take note of a frame that was lost: by the next one it may tell how fast it goes.
+
+        Parameters
+        ----------
+        seen : Seen or None
+            None where it had no image, or that of before.
+        """
+        self._before = seen
 
     def rewind(self, timestamp: float) -> None:
         """Take note of a clock that has jumped back.
@@ -219,10 +242,11 @@ class Recovery:
             To there, seconds.
         """
         self._last_time = -math.inf
+        self._before = None
         self._pieces.rewind(timestamp)
         self._chain.forget()
 
-    def _look(self, seen: Seen) -> tuple[Keyframe, Alignment] | None:
+    def _look(self, seen: Seen) -> Found | None:
         """Find the stored keyframe that a frame is sure to fit, but not too often."""
         course, timestamp = self._course, seen.frame.timestamp
         if abs(timestamp - self._last_time) < RECOVERY_PERIOD_S:
@@ -236,8 +260,23 @@ class Recovery:
             T_world_known @ se3.exp(course.cruise * seen_last),
         ]
         return self._search.everywhere(
-            self._store, course.key, seen, expected, gap, self._doubt.before(timestamp)
+            self._store,
+            course.key,
+            seen,
+            expected,
+            gap,
+            self._doubt.before(timestamp),
+            self._just_before(seen),
+            at_any_speed=not seen.is_stale,
         )
+
+    def _just_before(self, seen: Seen) -> Seen | None:
+        """Give the frame before, if it was lost too, and tells when parts of this were taken."""
+        before, parts_matter = self._before, self._instants.matter(seen)
+        if before is None or before.is_stale or seen.is_stale or not parts_matter:
+            return None
+        gap = seen.frame.timestamp - before.frame.timestamp
+        return before if 0 < gap <= LONGEST_PREDICTION_S else None
 
     def _forget_the_way(self) -> None:
         """Drop what was seen on the way here: from poses that are doubtful by now, or of a hand."""

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,14 +12,16 @@ from edvo import se3
 from edvo.camera import Camera
 from edvo.chamfer import Guess
 from edvo.config import Config
-from edvo.edges import EdgeImage, EdgePixels
-from edvo.frame import Frame
+from edvo.course import FASTEST_M_S
+from edvo.edges import EdgePixels
+from edvo.instants import Instants
 from edvo.keyframes import Keyframe, KeyframeStore
 from edvo.look import Look
 from edvo.matching import EdgeIndex
 from edvo.planes import DepthTerm, PlaneFitter, PlaneMap, PlanePoints, thinned
 from edvo.registration import AGREEING, FAILURES, Alignment, Registration
-from edvo.status import Judge, agreement
+from edvo.seen import Seen
+from edvo.status import SURE, Judge, agreement, speed_of
 
 STRIDE = 4  # a search takes one sample in so many
 LOOP_M, LOOP_RAD = 0.03, math.radians(1.5)  # that a frame found again may be off, both ways
@@ -35,67 +38,35 @@ SHARPNESS = 8  # a few more edges explained outweigh much of a way
 RIVAL = 0.6  # of the best fit: a place that fits so well cannot be told from it
 RIVALS = 3  # that are followed at most
 PLACES, SLIGHT = 6, 0.3  # that are looked at closely, unless few samples fit so much worse
+TIMES = 2  # that depth is moved by what it has led to
 AS_WELL = 0.96  # of the score of a place: by a glance that cannot be told from it
 ASIDE_M = (0.2, 0.4, 0.8)  # steps, shelves, and doors repeat at about such distances
 SIDES = [sign * axis for axis in np.eye(3) for sign in (-1, 1)]
 ASIDE = np.array([far * side for far in ASIDE_M for side in SIDES])
 
 
-@dataclass(frozen=True, slots=True)
-class Seen:
-    """A frame, and what was made of it.
+class Found(NamedTuple):
+    """Where a lost camera is.
 
     Attributes
     ----------
-    frame : Frame
-    edges : EdgeImage
-        All of its edges.
-    samples : EdgePixels
-        N of them with depth, metres.
-    points : PlanePoints
-        M points of its depth image.
-    T_cam_depth : ndarray of float64, shape (4, 4), or None
-        Maps points of the depth image to the camera at the instant of the grey image; the points
-        were moved by it already. None where both were taken at once.
-    is_fine : bool
-        Whether its points lie closely.
-    is_near : bool
-        Whether all edges of the keyframe may count.
-    is_stale : bool
-        Whether its depth is that of a frame before, moved by what the camera was expected to.
+    key : Keyframe
+        That its frame fits.
+    alignment : Alignment
+        With that.
+    seen : Seen
+        The frame, its parts moved to one instant where it is known how fast the camera goes.
+    velocity : ndarray of float64, shape (6,), or None
+        Of the camera, in its own frame, 1/s; None where it is not known.
+    by_edges : bool
+        Whether depth would contradict it, were it taken at the instant of its image.
     """
 
-    frame: Frame
-    edges: EdgeImage
-    samples: EdgePixels
-    points: PlanePoints
-    T_cam_depth: NDArray[np.float64] | None = None
-    is_fine: bool = False
-    is_near: bool = False
-    is_stale: bool = False
-
-    def kept(self) -> "Seen":
-        """Give the same with images that nobody writes to, as the next frame may to those it has.
-
-        Returns
-        -------
-        Seen
-        """
-        return replace(self, frame=self.frame.kept())
-
-    def T_world_depth(self, T_world_cam: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Where the camera was as the depth was taken that belongs to an image taken there.
-
-        Parameters
-        ----------
-        T_world_cam : ndarray of float64, shape (4, 4)
-            Of the image.
-
-        Returns
-        -------
-        ndarray of float64, shape (4, 4)
-        """
-        return T_world_cam if self.T_cam_depth is None else T_world_cam @ self.T_cam_depth
+    key: Keyframe
+    alignment: Alignment
+    seen: Seen
+    velocity: NDArray[np.float64] | None
+    by_edges: bool
 
 
 class Search:
@@ -108,6 +79,7 @@ class Search:
     registration : Registration
     fitter : PlaneFitter
     judge : Judge
+    instants : Instants
     """
 
     def __init__(
@@ -117,12 +89,14 @@ class Search:
         registration: Registration,
         fitter: PlaneFitter,
         judge: Judge,
+        instants: Instants,
     ) -> None:
         self._camera = camera
         self._config = config
         self._registration = registration
         self._fitter = fitter
         self._judge = judge
+        self._instants = instants
         self._reach = config.motion.search_deg
         self._rivals: list[tuple[Keyframe, NDArray[np.float64]]] = []  # and T_key_cur of each
 
@@ -239,7 +213,10 @@ class Search:
         expected: Sequence[NDArray[np.float64]],
         gap_s: float,
         sure: tuple[Keyframe, NDArray[np.float64]] | None = None,
-    ) -> tuple[Keyframe, Alignment] | None:
+        before: Seen | None = None,
+        *,
+        at_any_speed: bool = False,
+    ) -> Found | None:
         """Find the keyframe that the frame of a lost camera fits, beyond doubt and both ways.
 
         The last keyframe is tried from where the camera is expected, those that look like the
@@ -260,14 +237,23 @@ class Search:
         sure : (Keyframe, ndarray of float64, shape (4, 4)), optional
             Where it was beyond doubt before it was lost: T_key_cur. What it has followed since, a
             hand for instance, may look liker the frame, and have led it away.
+        before : Seen, optional
+            The frame before it, if that was lost too: it tells how fast the camera goes, and so how
+            far the parts of the frame, which are taken at several instants, are off.
+        at_any_speed : bool
+            Whether nobody knows how fast it goes, so that depth may be off by what a camera moves
+            by from an image to its depth: edges that are sure of a place are then believed.
 
         Returns
         -------
-        (Keyframe, Alignment) or None
+        Found or None
         """
         if sure is not None:
             expected = [*expected, sure[0].T_world_key @ sure[1]]
         hunt = self._hunt(seen, expected, gap_s)
+        if at_any_speed:
+            off_m = FASTEST_M_S * self._instants.depth.at_most(seen)
+            hunt = replace(hunt, before=before, off_m=off_m)
         look = Look(hunt.edges.edges, self._camera)
         likest = store.likest(look, self._config.keyframes.tried)
         if sure is not None and all(key.index != sure[0].index for key in likest):
@@ -290,7 +276,9 @@ class Search:
             return None
         self._rivals = []
         best = rivals[0]
-        return (best.key, best.found) if best.both_ways else None
+        if not best.both_ways:
+            return None
+        return Found(best.key, best.found, best.hunt.seen, best.hunt.velocity, best.by_edges)
 
     def forget(self) -> None:
         """Drop doubts: it is known again where the camera is."""
@@ -412,33 +400,94 @@ class Search:
         self, hunt: "_Hunt", promising: Sequence[tuple[Keyframe, NDArray[np.float64]]]
     ) -> list["_Place"]:
         """Register all samples both ways; the places that stand this, the worthiest first."""
+        places = [self._place(hunt, key, start) for key, start in promising]
+        return _distinct([place for place in places if place is not None])
+
+    def _place(
+        self, hunt: "_Hunt", key: Keyframe, T_world_start: NDArray[np.float64]
+    ) -> "_Place | None":
+        """Register all samples both ways with a keyframe, if that stands all tests."""
+        T_key_start = se3.inverse(key.T_world_key) @ T_world_start
+        found = self._all(hunt, key, T_key_start)
+        if hunt.before is not None and self._judge.is_sure(found, by_depth=False):
+            hunt, found = self._in_step(hunt, hunt.before, key, found)
+        seen, T_world_cam = hunt.seen, key.T_world_key @ found.T_ref_cur
+        if hunt.must_be_sure and not self._is_sure(hunt, found, seen.points):
+            return None
+        T_cur_key = se3.inverse(found.T_ref_cur)
+        back = self._registration.align(
+            hunt.edges, key.samples, T_cur_key[None], hunt.planes, key.points, hunt.term
+        )
+        # those that are sure have been asked how edges are turned
+        there, here = (None, None) if hunt.must_be_sure else (key.edges, hunt.edges)
+        fit = self._explained(found, seen.samples, there)
+        fit *= self._explained(back, key.samples, here)
+        if fit < hunt.least_fit or hunt.away(T_world_cam) > hunt.farthest:
+            return None
+        both_ways, by_edges = _is_loop(found, back), False
+        if hunt.must_be_sure:
+            both_ways = both_ways and self._is_sure(hunt, back, key.points, seen_only=True)
+            by_depth = self._judge.is_sure(found) and self._judge.is_sure(back, seen_only=True)
+            by_edges = not by_depth
+        worth = fit**SHARPNESS * hunt.prior(T_world_cam)
+        agreed = agreement(found, key.planes, seen.points)
+        return _Place(worth, T_world_cam, key, found, agreed, both_ways, hunt, by_edges)
+
+    def _is_sure(
+        self, hunt: "_Hunt", found: Alignment, points: PlanePoints, *, seen_only: bool = False
+    ) -> bool:
+        """Whether a registration is to be believed; depth may be off as far as it is out of step.
+
+        But only where edges are all but sure.
+        """
+        if self._judge.is_sure(found, seen_only=seen_only):
+            return True
+        if not hunt.off_m or found.inliers <= SURE * len(found.matches):
+            return False
+        off_m = found.sigma_depth * float(np.median(points.sigma))
+        by_edges = self._judge.is_sure(found, seen_only=seen_only, by_depth=False)
+        return by_edges and off_m < hunt.off_m
+
+    def _in_step(
+        self, hunt: "_Hunt", before: Seen, key: Keyframe, found: Alignment
+    ) -> tuple["_Hunt", Alignment]:
+        """Move depth by what the camera has moved by since the frame before, and register again.
+
+        Once more, where depth then still contradicts: what had led astray tells less of it by then.
+        The keyframe's depth may still be out of step.
+        """
+        asked, then, instants = hunt, before, self._instants
+        seconds = asked.seen.frame.timestamp - before.frame.timestamp
+        for _ in range(TIMES):
+            was = self._all(replace(hunt, seen=then), key, found.T_ref_cur)
+            if not self._judge.is_sure(was, by_depth=False):
+                break
+            T_last_cur = se3.inverse(was.T_ref_cur) @ found.T_ref_cur
+            if self._judge.jump(*speed_of(T_last_cur, seconds)):
+                break
+            seen, then = (
+                instants.settled(each, T_last_cur, seconds) for each in (asked.seen, before)
+            )
+            velocity = se3.log(T_last_cur) / seconds
+            edges = instants.unrolled(seen.edges.describe(self._camera), seen, velocity)
+            hunt = replace(
+                asked,
+                seen=seen,
+                edges=self._registration.index(edges),
+                planes=self._fitter.planes(seen.frame.depth, seen.T_cam_depth),
+                velocity=velocity,
+            )
+            found = self._all(hunt, key, found.T_ref_cur)
+            if self._judge.is_sure(found):
+                break
+        return hunt, found
+
+    def _all(self, hunt: "_Hunt", key: Keyframe, T_key_start: NDArray[np.float64]) -> Alignment:
+        """Register all samples of the frame."""
         seen = hunt.seen
-        places: list[_Place] = []
-        for key, start in promising:
-            T_key_start = se3.inverse(key.T_world_key) @ start
-            found = self._register(
-                key, seen.samples, seen.points, T_key_start, hunt.term, near=seen.is_near
-            )
-            T_world_cam = key.T_world_key @ found.T_ref_cur
-            if hunt.must_be_sure and not self._judge.is_sure(found):
-                continue
-            T_cur_key = se3.inverse(found.T_ref_cur)
-            back = self._registration.align(
-                hunt.edges, key.samples, T_cur_key[None], hunt.planes, key.points, hunt.term
-            )
-            # those that are sure have been asked how edges are turned
-            there, here = (None, None) if hunt.must_be_sure else (key.edges, hunt.edges)
-            fit = self._explained(found, seen.samples, there)
-            fit *= self._explained(back, key.samples, here)
-            if fit < hunt.least_fit or hunt.away(T_world_cam) > hunt.farthest:
-                continue
-            both_ways = _is_loop(found, back)
-            if hunt.must_be_sure:
-                both_ways = both_ways and self._judge.is_sure(back, seen_only=True)
-            worth = fit**SHARPNESS * hunt.prior(T_world_cam)
-            agreed = agreement(found, key.planes, seen.points)
-            places.append(_Place(worth, T_world_cam, key, found, agreed, both_ways))
-        return _distinct(places)
+        return self._register(
+            key, seen.samples, seen.points, T_key_start, hunt.term, near=seen.is_near
+        )
 
     def _explained(
         self, alignment: Alignment, samples: EdgePixels, turned_as: EdgeIndex | None = None
@@ -488,6 +537,9 @@ class _Hunt:
     reach: float
     farthest: float
     term: DepthTerm
+    before: Seen | None = None
+    velocity: NDArray[np.float64] | None = None
+    off_m: float = 0.0  # by so much depth may be off its image
     must_be_sure: bool = True
     least_fit: float = LEAST_FIT
     apart: tuple[float, float] = (APART_M, APART_RAD)
@@ -511,6 +563,8 @@ class _Place:
     found: Alignment
     agreed: float
     both_ways: bool
+    hunt: _Hunt
+    by_edges: bool
 
 
 def _is_loop(found: Alignment, back: Alignment) -> bool:

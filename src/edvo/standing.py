@@ -7,7 +7,7 @@ from edvo.doubt import DOUBTFUL_S, MOVED, Doubt
 from edvo.kit import Kit
 from edvo.locating import Locator
 from edvo.registration import Alignment
-from edvo.search import Seen
+from edvo.seen import Seen
 from edvo.status import Status
 
 

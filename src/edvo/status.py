@@ -16,6 +16,7 @@ MILD_SIGMA = 1.5  # times the sensor's noise, up to which depth raises no doubt
 FADING = 0.97  # a frame, of the worst fit of depth seen of late
 MOST_UNASKED = 2  # frames in a row of the same depth, that what follows is pardoned for
 AS_A_WHOLE = 0.7  # of the edges agree: of people who are followed, hardly ever so many
+SURE = 0.8  # of the samples in place: depth that contradicts these then leads nowhere else
 CHANCE = 0.28  # a quarter of the samples agree by chance where edges are dense
 
 
@@ -96,7 +97,7 @@ class Judge:
             fitting, agreeing = min(fitting, agreeing), min(CHANCE, agreeing)
         if misfit := _misfit(alignment, fitting, agreeing):
             return Status.LOST, misfit
-        if jump := self._jump(speed, turn):
+        if jump := self.jump(speed, turn):
             return Status.LOST, jump
         doubt = self._poor_fit(alignment) if alignment.converged else alignment.reason
         limit = status.max_depth_sigma
@@ -133,7 +134,24 @@ class Judge:
             return self._off(alignment)
         if alignment.sigma_depth > self._status.max_depth_sigma:
             return f"its depth is off the planes by {alignment.sigma_depth:.0f} times the noise"
-        return self._jump(speed, turn) or ("" if alignment.converged else alignment.reason)
+        return self.jump(speed, turn) or ("" if alignment.converged else alignment.reason)
+
+    def jump(self, speed: float, turn: float) -> str:
+        """Say that a motion is none of a camera.
+
+        Parameters
+        ----------
+        speed, turn : float
+            See `judge`.
+
+        Returns
+        -------
+        str
+            Empty where it may be one.
+        """
+        if speed > self._motion.max_speed_m_s or turn > self._motion.max_turn_deg_s:
+            return f"implausible jump: {speed:.1f} m/s, {turn:.0f} deg/s"
+        return ""
 
     def is_off(self, alignment: Alignment) -> bool:
         """Whether depth is farther off the keyframe's than it was of late.
@@ -171,11 +189,6 @@ class Judge:
         times = alignment.sigma_depth / self._usual
         return f"depth is off the keyframe's by {times:.0f} times the usual"
 
-    def _jump(self, speed: float, turn: float) -> str:
-        if speed > self._motion.max_speed_m_s or turn > self._motion.max_turn_deg_s:
-            return f"implausible jump: {speed:.1f} m/s, {turn:.0f} deg/s"
-        return ""
-
     def fits_poorly(self, alignment: Alignment) -> bool:
         """Whether so few samples fit that a pose is in doubt.
 
@@ -207,7 +220,9 @@ class Judge:
         fits = alignment.agreeing >= AS_A_WHOLE * len(alignment.matches)
         return fits and alignment.sigma_depth > self._status.max_depth_sigma
 
-    def is_sure(self, alignment: Alignment, *, seen_only: bool = False) -> bool:
+    def is_sure(
+        self, alignment: Alignment, *, seen_only: bool = False, by_depth: bool = True
+    ) -> bool:
         """Whether a registration is good enough to say where the camera is from nothing.
 
         Parameters
@@ -215,19 +230,22 @@ class Judge:
         alignment : Alignment
         seen_only : bool
             Whether samples without a match, such as those out of view, do not count.
+        by_depth : bool
+            Whether depth must not contradict it.
 
         Returns
         -------
         bool
         """
         status = self._status
+        contradicted = alignment.depth_balance and alignment.sigma_depth > status.max_depth_sigma
         samples = alignment.match_count if seen_only else len(alignment.matches)
         return (
             alignment.converged
             and alignment.reason not in FAILURES
             and alignment.inliers >= status.doubt_inliers * samples
             and alignment.agreeing >= status.doubt_agreeing * samples
-            and not (alignment.depth_balance and alignment.sigma_depth > status.max_depth_sigma)
+            and not (by_depth and contradicted)
         )
 
 

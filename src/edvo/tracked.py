@@ -10,7 +10,7 @@ from edvo import se3
 from edvo.course import Course
 from edvo.pieces import Pieces
 from edvo.registration import Alignment
-from edvo.search import Seen
+from edvo.seen import Seen
 from edvo.status import Status
 from edvo.trajectory import Trajectory
 

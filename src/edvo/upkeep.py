@@ -23,7 +23,8 @@ from edvo.kit import Kit
 from edvo.last_good import LastGood
 from edvo.pieces import Pieces
 from edvo.planes import PlaneMap
-from edvo.search import Seen, is_apart
+from edvo.search import is_apart
+from edvo.seen import Seen
 from edvo.window import KeyframeWindow
 
 logger = logging.getLogger("edvo.odometry")  # one for all that the tracker has to say

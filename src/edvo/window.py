@@ -17,7 +17,7 @@ from edvo.config import Config
 from edvo.keyframes import Keyframe
 from edvo.planes import DepthTerm
 from edvo.registration import Registration
-from edvo.search import Seen
+from edvo.seen import Seen
 from edvo.uncertainty import Uncertainty
 
 REACH = 1.5  # times how far a keyframe is used: one farther from the new one shows too little of it
