@@ -56,6 +56,8 @@ class Course:
     stood : (float, ndarray of float64, shape (4, 4)) or None
         When and where the last registration was that stood, if the last pose is one that goes on
         along what hardly anything constrains.
+    before : (float, ndarray of float64, shape (4, 4), ndarray of float64, shape (6,)) or None
+        When and where it was before it moved on to the last pose, and its velocity then.
     """
 
     def __init__(self, T_world_cam: NDArray[np.float64] | None = None) -> None:
@@ -69,6 +71,7 @@ class Course:
         self.is_blind = False
         self.anchor: tuple[float, NDArray[np.float64]] | None = None
         self.stood: tuple[float, NDArray[np.float64]] | None = None
+        self.before: tuple[float, NDArray[np.float64], NDArray[np.float64]] | None = None
 
     @property
     def key(self) -> Keyframe:
@@ -160,6 +163,24 @@ class Course:
         """
         return se3.exp(self.velocity * min(self.period(timestamp), LONGEST_PREDICTION_S))
 
+    def ahead_of_before(self, timestamp: float) -> NDArray[np.float64] | None:
+        """Where it is expected from the pose before the last, of which that knows nothing.
+
+        Parameters
+        ----------
+        timestamp : float
+            Seconds.
+
+        Returns
+        -------
+        ndarray of float64, shape (4, 4), or None
+            T_world_cam; None where that is long ago.
+        """
+        if self.before is None or not 0 < timestamp - self.before[0] <= LONGEST_PREDICTION_S:
+            return None
+        time, T_world_cam, velocity = self.before
+        return T_world_cam @ se3.exp(velocity * (timestamp - time))
+
     def moved(
         self, T_key_cur: NDArray[np.float64], timestamp: float
     ) -> tuple[NDArray[np.float64], float]:
@@ -198,6 +219,8 @@ class Course:
             that it took.
         """
         self.stood = None
+        if self.last_time is not None:
+            self.before = self.last_time, self.T_world_last, self.velocity
         self.velocity = se3.log(T_last_cur) / seconds
         self.T_key_last = T_key_cur.copy()  # whoever gets the registration may write to it
         self.T_world_last = self.key.T_world_key @ T_key_cur
@@ -245,7 +268,7 @@ class Course:
         self.last_time = timestamp
         if self.anchor is not None:
             self.anchor = timestamp, self.anchor[1]
-        self.stood = None
+        self.stood = self.before = None
         return True
 
 

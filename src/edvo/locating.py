@@ -13,7 +13,7 @@ from edvo.kit import Kit
 from edvo.planes import DepthTerm, thinned
 from edvo.registration import AT_ONCE, Alignment
 from edvo.scatter import clarity, is_sharper
-from edvo.search import STRIDE
+from edvo.search import STRIDE, distance
 from edvo.seen import Seen
 from edvo.status import SURE, Status, agreement, speed_of
 
@@ -234,15 +234,21 @@ class Locator:
         Returns
         -------
         bool
-            False where the last pose is older than a velocity lasts, so that nothing is expected.
+            False where the last pose is older than a velocity lasts, so that nothing is expected,
+            or where it fits better than the last one, and is where it was expected before that.
         """
         course, period = self._course, self._course.period(timestamp)
         if period > LONGEST_PREDICTION_S:
             return False
-        T_expected = course.T_key_last @ course.ahead(timestamp)
-        x, y, z = (alignment.T_ref_cur[:3, 3] - T_expected[:3, 3]).tolist()
         unknown = 0.0 if course.velocity.any() else FASTEST_M_S
-        return math.hypot(x, y, z) > (unknown + LEAP_M_S2 * period) * period
+        limit = (unknown + LEAP_M_S2 * period) * period
+        T_world_cur = course.key.T_world_key @ alignment.T_ref_cur
+        if distance(course.T_world_last @ course.ahead(timestamp), T_world_cur) <= limit:
+            return False
+        if not self._judge.fits_better(alignment):
+            return True
+        T_expected = course.ahead_of_before(timestamp)  # the last one may have been astray
+        return T_expected is None or distance(T_expected, T_world_cur) > limit
 
     def _asks_depth(self, seen: Seen) -> bool:
         """Whether there is a usual scale, and depth, to register by a second time."""

@@ -546,7 +546,7 @@ class _Hunt:
 
     def away(self, T_world_cam: NDArray[np.float64]) -> float:
         """Metres from the nearest pose that is expected."""
-        return min(_distance(T_expected, T_world_cam) for T_expected in self.expected)
+        return min(distance(T_expected, T_world_cam) for T_expected in self.expected)
 
     def prior(self, T_world_cam: NDArray[np.float64]) -> float:
         """What a place is worth before it is looked at, up to 1."""
@@ -610,10 +610,22 @@ def is_apart(
     bool
     """
     return all(
-        _distance(T, other) > metres or se3.rotation_angle(se3.inverse(T) @ other) > radians
+        distance(T, other) > metres or se3.rotation_angle(se3.inverse(T) @ other) > radians
         for other in others
     )
 
 
-def _distance(T_a: NDArray[np.float64], T_b: NDArray[np.float64]) -> float:
+def distance(T_a: NDArray[np.float64], T_b: NDArray[np.float64]) -> float:
+    """Say how far two cameras are apart.
+
+    Parameters
+    ----------
+    T_a, T_b : ndarray of float64, shape (4, 4)
+        Their poses, in one frame.
+
+    Returns
+    -------
+    float
+        Metres.
+    """
     return math.hypot(*(T_a[:3, 3] - T_b[:3, 3]).tolist())

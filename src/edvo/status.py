@@ -17,6 +17,7 @@ FADING = 0.97  # a frame, of the worst fit of depth seen of late
 MOST_UNASKED = 2  # frames in a row of the same depth, that what follows is pardoned for
 AS_A_WHOLE = 0.7  # of the edges agree: of people who are followed, hardly ever so many
 SURE = 0.8  # of the samples in place: depth that contradicts these then leads nowhere else
+BETTER = 1.25  # times as many samples agree after a frame that a jerk has blurred
 CHANCE = 0.28  # a quarter of the samples agree by chance where edges are dense
 
 
@@ -49,6 +50,7 @@ class Judge:
         self.scatter = Scatter(config)
         self._usual = math.inf  # the largest sigma_depth of late
         self._unasked = 0  # frames since, whose depth was that of the frame before
+        self._agreeing = 1.0  # share of the samples, of the last one
 
     def note(self, alignment: Alignment, *, is_stale: bool = False) -> None:
         """Take note of a registration that is to be trusted.
@@ -62,6 +64,7 @@ class Judge:
             Whether its depth is that of the frame before.
         """
         self.scatter.note(alignment)
+        self._agreeing = alignment.agreeing / len(alignment.matches)
         if is_stale:
             self._unasked = min(self._unasked + 1, MOST_UNASKED)
         elif alignment.depth_balance:
@@ -188,6 +191,19 @@ class Judge:
     def _off(self, alignment: Alignment) -> str:
         times = alignment.sigma_depth / self._usual
         return f"depth is off the keyframe's by {times:.0f} times the usual"
+
+    def fits_better(self, alignment: Alignment) -> bool:
+        """Whether far more samples agree than did of the last frame that was to be trusted.
+
+        Parameters
+        ----------
+        alignment : Alignment
+
+        Returns
+        -------
+        bool
+        """
+        return alignment.agreeing > BETTER * self._agreeing * len(alignment.matches)
 
     def fits_poorly(self, alignment: Alignment) -> bool:
         """Whether so few samples fit that a pose is in doubt.
