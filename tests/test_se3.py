@@ -244,3 +244,12 @@ def test_rotation_angle_is_accurate_everywhere(axis: Array, angle: float) -> Non
 
 def test_examples() -> None:
     assert doctest.testmod(se3).failed == 0
+
+
+def test_cameras_are_as_far_apart_as_their_centres_whatever_way_they_look() -> None:
+    turned = se3.exp(np.array([0.0, 0.0, 0.0, 0.3, -0.2, 0.9]))
+    aside = turned.copy()
+    aside[:3, 3] = 0.3, -0.4, 1.2
+    assert se3.distance(turned, np.eye(4)) == 0.0
+    assert se3.distance(turned, aside) == pytest.approx(1.3)
+    assert se3.distance(aside, turned) == pytest.approx(1.3)

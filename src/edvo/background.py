@@ -206,7 +206,7 @@ class Background:
             still = self._settle(view, place)
             if still is not None:
                 T_world_cam = key.T_world_key @ still.alignment.T_ref_cur
-                away = math.hypot(*(T_world_cam - expected)[:3, 3].tolist()) / reach
+                away = se3.distance(T_world_cam, expected) / reach
                 found.append(replace(still, worth=still.worth * math.exp(-(away**2) / 2)))
         return max(found, key=lambda still: still.worth, default=None)
 

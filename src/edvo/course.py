@@ -57,7 +57,8 @@ class Course:
         When and where the last registration was that stood, if the last pose is one that goes on
         along what hardly anything constrains.
     before : (float, ndarray of float64, shape (4, 4), ndarray of float64, shape (6,)) or None
-        When and where it was before it moved on to the last pose, and its velocity then.
+        When (seconds) and where (T_world_cam) it was before it moved on to the last pose, and its
+        velocity then, 1/s.
     """
 
     def __init__(self, T_world_cam: NDArray[np.float64] | None = None) -> None:

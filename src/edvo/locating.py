@@ -13,7 +13,7 @@ from edvo.kit import Kit
 from edvo.planes import DepthTerm, thinned
 from edvo.registration import AT_ONCE, Alignment
 from edvo.scatter import clarity, is_sharper
-from edvo.search import STRIDE, distance
+from edvo.search import STRIDE
 from edvo.seen import Seen
 from edvo.status import SURE, Status, agreement, speed_of
 
@@ -243,12 +243,12 @@ class Locator:
         unknown = 0.0 if course.velocity.any() else FASTEST_M_S
         limit = (unknown + LEAP_M_S2 * period) * period
         T_world_cur = course.key.T_world_key @ alignment.T_ref_cur
-        if distance(course.T_world_last @ course.ahead(timestamp), T_world_cur) <= limit:
+        if se3.distance(course.T_world_last @ course.ahead(timestamp), T_world_cur) <= limit:
             return False
         if not self._judge.fits_better(alignment):
             return True
         T_expected = course.ahead_of_before(timestamp)  # the last one may have been astray
-        return T_expected is None or distance(T_expected, T_world_cur) > limit
+        return T_expected is None or se3.distance(T_expected, T_world_cur) > limit
 
     def _asks_depth(self, seen: Seen) -> bool:
         """Whether there is a usual scale, and depth, to register by a second time."""

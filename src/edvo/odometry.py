@@ -227,7 +227,7 @@ class Odometry:
             found = self._recovery.find(seen)
             if found is None:
                 return self._give_up(seen, UNSURE if adrift else NOWHERE, None)
-            return self._settle(*found)
+            return self._resume(*found)
         alignment, status, reason, still = self._standing.register(seen)
         back = None
         if status is Status.LOST and not self._standing.is_moving(frame.timestamp):
@@ -239,7 +239,7 @@ class Odometry:
             found = self._recovery.find(seen) if self._pieces.here else None
             if found is None:
                 return self._give_up(seen, reason, alignment)
-            return self._settle(*found)
+            return self._resume(*found)
         if still is None:
             seen = self._locator.settled(seen, alignment)
         registered = alignment, status, reason, still
@@ -365,8 +365,8 @@ class Odometry:
             timestamp, Status.TRACKED, "", np.eye(4), -1, is_keyframe=True, seen=seen
         )
 
-    def _settle(self, found: Found, status: Status, reason: str) -> TrackedFrame:
-        """Move on to where a lost camera is found."""
+    def _resume(self, found: Found, status: Status, reason: str) -> TrackedFrame:
+        """Go on from where a lost camera is found."""
         return self._accept(found.seen, found.alignment, status, reason, found=found)
 
     def _accept(

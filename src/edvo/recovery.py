@@ -242,7 +242,6 @@ class Recovery:
             To there, seconds.
         """
         self._last_time = -math.inf
-        self._before = None
         self._pieces.rewind(timestamp)
         self._chain.forget()
 

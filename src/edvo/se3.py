@@ -264,6 +264,22 @@ def to_quaternion(T: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64
     return T[:3, 3].copy(), quaternion / math.sqrt(float(quaternion @ quaternion))
 
 
+def distance(T_a: NDArray[np.float64], T_b: NDArray[np.float64]) -> float:
+    """Say how far two cameras are apart.
+
+    Parameters
+    ----------
+    T_a, T_b : ndarray of float64, shape (4, 4)
+        Their poses, in one frame.
+
+    Returns
+    -------
+    float
+        Metres.
+    """
+    return math.hypot(*(T_a[:3, 3] - T_b[:3, 3]).tolist())
+
+
 def rotation_angle(T: ArrayLike) -> float:
     """Give the angle of a rotation, accurate near 0 and near pi.
 

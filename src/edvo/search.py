@@ -469,11 +469,12 @@ class Search:
                 instants.settled(each, T_last_cur, seconds) for each in (asked.seen, before)
             )
             velocity = se3.log(T_last_cur) / seconds
-            edges = instants.unrolled(seen.edges.describe(self._camera), seen, velocity)
+            edges = instants.unrolled(asked.edges.edges, seen, velocity)
+            are_still = edges is asked.edges.edges
             hunt = replace(
                 asked,
                 seen=seen,
-                edges=self._registration.index(edges),
+                edges=asked.edges if are_still else self._registration.index(edges),
                 planes=self._fitter.planes(seen.frame.depth, seen.T_cam_depth),
                 velocity=velocity,
             )
@@ -546,7 +547,7 @@ class _Hunt:
 
     def away(self, T_world_cam: NDArray[np.float64]) -> float:
         """Metres from the nearest pose that is expected."""
-        return min(distance(T_expected, T_world_cam) for T_expected in self.expected)
+        return min(se3.distance(T_expected, T_world_cam) for T_expected in self.expected)
 
     def prior(self, T_world_cam: NDArray[np.float64]) -> float:
         """What a place is worth before it is looked at, up to 1."""
@@ -610,22 +611,6 @@ def is_apart(
     bool
     """
     return all(
-        distance(T, other) > metres or se3.rotation_angle(se3.inverse(T) @ other) > radians
+        se3.distance(T, other) > metres or se3.rotation_angle(se3.inverse(T) @ other) > radians
         for other in others
     )
-
-
-def distance(T_a: NDArray[np.float64], T_b: NDArray[np.float64]) -> float:
-    """Say how far two cameras are apart.
-
-    Parameters
-    ----------
-    T_a, T_b : ndarray of float64, shape (4, 4)
-        Their poses, in one frame.
-
-    Returns
-    -------
-    float
-        Metres.
-    """
-    return math.hypot(*(T_a[:3, 3] - T_b[:3, 3]).tolist())
