@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,16 +11,18 @@ from benchmarks import crowd
 from numpy.typing import NDArray
 
 from edvo import kernels, se3
-from edvo.background import AGES_S, APART_S, Background, Still
+from edvo.background import AGES_S, APART_S, FAR_EDGES, FAR_LEFT, Background, Still
 from edvo.config import Config
+from edvo.datasets import open_source
 from edvo.datasets.readahead import read_ahead
 from edvo.doubt import MOVED
 from edvo.edges import EdgePixels
 from edvo.frame import Frame
+from edvo.keyframes import Keyframe
 from edvo.matching import Criterion, EdgeIndex
 from edvo.odometry import Odometry, Status
 from edvo.planes import PlaneFitter, PlaneMap, PlanePoints
-from edvo.registration import AT_ONCE, Registration
+from edvo.registration import AT_ONCE, Alignment, Registration
 from edvo.report.sights import look
 from edvo.seen import Seen
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
@@ -261,6 +264,69 @@ def test_what_was_registered_of_such_a_frame_can_be_drawn(small_hall: SyntheticS
     drawn = look(reading.frame, result, small_hall.camera, config)
     assert len(drawn.samples) == result.alignment.match_count
     assert drawn.samples.min() > 0
+
+
+@pytest.mark.parametrize(("speed", "is_place"), [(0.0, True), (20.0, False)])
+def test_what_lies_far_from_where_it_was_bound_for_is_no_place(
+    small_hall: SyntheticSource, speed: float, is_place: bool
+) -> None:
+    """However well it fits: what fits there has moved, or looks like what stood there."""
+    kept, key, seen = on_the_way(small_hall, range(240, 248))
+    start = se3.inverse(key.T_world_key) @ kept._past[-1].T_world_cam
+    velocity = np.array([0, 0, speed, 0, 0, 0])
+    still = kept.register(key, seen, [start], velocity)
+    assert (still is not None) == is_place
+
+
+def test_edges_without_depth_are_kept_where_hardly_any_other_stands_still(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """One in six of them is left in the end; but sixty alone lead wherever they fit."""
+    source = SyntheticSource(make_recipe("crowd", frames=9, seed=3))
+    kept, key, seen = on_the_way(source, range(9))
+    standing, start = kept._standing, se3.inverse(key.T_world_key) @ kept._past[-1].T_world_cam
+    found = []
+    for stride in (1, 40):
+
+        def some(view: Any, T: NDArray[np.float64], stride: int = stride) -> Seen:
+            held = standing(view, T)
+            return replace(held, samples=held.samples.every(stride))
+
+        monkeypatch.setattr(kept, "_standing", some)
+        still = kept.register(key, seen, [start], np.zeros(6))
+        assert still is not None
+        far = still.seen.samples.depths > seen.samples.depths.max()
+        found.append(np.count_nonzero(far))
+    assert found[0] <= FAR_EDGES / FAR_LEFT + 1
+    assert found[1] > FAR_EDGES / 2
+
+
+def on_the_way(source: SyntheticSource, indices: range) -> tuple[Background, Keyframe, Seen]:
+    """What knows the past of a way, its keyframe, and the last frame."""
+    odometry = Odometry(source.camera)
+    registered: list[Seen] = []
+    register = odometry._standing.register
+
+    def noted(seen: Seen) -> tuple[Alignment, Status, str, Still | None]:
+        registered.append(seen)
+        return register(seen)
+
+    odometry._standing.register = noted  # type: ignore[method-assign]
+    for reading in read_ahead(source, indices):
+        assert reading.frame is not None
+        odometry.track(reading.frame)
+    return odometry._standing._background, odometry._course.key, registered[-1].kept()
+
+
+def test_a_kinect_that_turns_fast_between_few_frames_is_not_led_astray(real_data: Path) -> None:
+    """Its depth is out of step, so that something seems to move; but little would stand still."""
+    sequence = open_source(real_data / "tum_fr1_xyz")
+    frames = [sequence.read(index).frame for index in range(1, len(sequence), 6)]
+    odometry = Odometry(sequence.camera, Config(seed=1))
+    results = [odometry.track(frame) for frame in frames if frame is not None]
+    assert any("something moved" in result.reason for result in results)
+    steps = np.diff([result.T_world_cam[:3, 3] for result in results], axis=0)
+    assert np.linalg.norm(steps, axis=1).max() < 0.25
 
 
 def test_the_preset_paper_follows_whatever_moves() -> None:

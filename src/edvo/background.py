@@ -33,6 +33,7 @@ FITS, BEHIND_M = 2.5, 0.25  # times the noise; and what is so far behind may hav
 REACH, SLACK_M, SLACK_SIGMA = 2, 0.01, 2.0  # of the neighbours that speak for a place, in cells
 ROUNDS = 2  # of telling what stands still, and registering it
 MIN_SAMPLES = 60  # that stand still: fewer are no background
+MIN_WORTH = 0.05  # less is as likely something that moves
 SAME_M, SAME_RAD = 0.02, math.radians(0.4)  # nearer to each other, poses are the same
 DRIFT_M, DRIFT_M_S, DRIFT_S = 0.05, 0.5, 0.3  # how far from where it was going, so long after
 REACHED = 99.5  # percent of the depths: as far as the sensor reaches
@@ -208,7 +209,8 @@ class Background:
                 T_world_cam = key.T_world_key @ still.alignment.T_ref_cur
                 away = se3.distance(T_world_cam, expected) / reach
                 found.append(replace(still, worth=still.worth * math.exp(-(away**2) / 2)))
-        return max(found, key=lambda still: still.worth, default=None)
+        best = max(found, key=lambda still: still.worth, default=None)
+        return None if best is None or best.worth < MIN_WORTH else best
 
     def _expected(
         self, key: Keyframe, timestamp: float, velocity: NDArray[np.float64]
@@ -248,8 +250,9 @@ class Background:
         if view.far:
             placed, share = self._placed(view, T_key_cur)
             near = self._standing(view, T_key_cur)
+            few = len(near.samples) < MIN_SAMPLES
             near = replace(near, samples=near.samples.joined(placed.every(FAR_LEFT)))
-            again = self._align(view, near, T_key_cur)
+            again = None if few else self._align(view, near, T_key_cur)
             if again is not None:
                 share_near = self._placed(view, again.T_ref_cur)[1]
                 if share_near > FAR_LOSS * share:
