@@ -136,9 +136,12 @@ def pair(family: int, number: int) -> Outcome | None:
     odometry = Odometry(source.camera, config)
     recorder = _Recorder(source.camera, config, odometry._registration.solver)
     odometry._uncertainty = recorder
-    odometry.track(frames[0])
-    odometry._course.T_key_last = se3.exp(rng.standard_normal(6) * GUESS) @ T_true
-    odometry._course.last_time = times[index] - 1 / 30
+    course = odometry._course
+    if odometry.track(frames[0]).status is Status.LOST:
+        return None
+    course.T_key_last = se3.exp(rng.standard_normal(6) * GUESS) @ T_true
+    course.T_world_last = course.key.T_world_key @ course.T_key_last
+    course.last_time = times[index] - 1 / 30
     found = odometry.track(frames[1])
     if found.status is Status.LOST or found.covariance is None or found.alignment is None:
         return None
