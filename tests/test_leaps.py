@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from edvo import se3
+from edvo import scatter, se3
 from edvo.config import Config
 from edvo.locating import LEAPT
 from edvo.odometry import Odometry, Status
@@ -27,11 +27,11 @@ def stairs():
     return source.camera, frames, [se3.inverse(truth[0]) @ T for T in truth]
 
 
-def after_a_wrong_start(stairs, monkeypatch, *overrides):
+def after_a_wrong_start(stairs, monkeypatch, *overrides, known=KNOWN):
     """Track, and let the last frame be registered first from one step up alone."""
     camera, frames, truth = stairs
     odometry = Odometry(camera, Config().with_overrides(overrides))
-    for frame in frames[:KNOWN]:
+    for frame in frames[:known]:
         assert odometry.track(frame).status is Status.TRACKED
     align, asked = odometry._registration.align, []
 
@@ -42,16 +42,33 @@ def after_a_wrong_start(stairs, monkeypatch, *overrides):
         return align(reference, samples, starts, *given, **more)
 
     monkeypatch.setattr(odometry._registration, "align", wrong_at_first)
-    result = odometry.track(frames[KNOWN])
-    off = se3.inverse(truth[KNOWN]) @ result.T_world_cam
+    result = odometry.track(frames[known])
+    off = se3.inverse(truth[known]) @ result.T_world_cam
     return result, float(np.linalg.norm(off[:3, 3])), len(asked)
 
 
-def test_one_step_is_not_taken_for_the_next(stairs, monkeypatch):
-    result, off, asked = after_a_wrong_start(stairs, monkeypatch, *ALONE)
+@pytest.mark.parametrize("known", [1, KNOWN])
+def test_one_step_is_not_taken_for_the_next(stairs, monkeypatch, known):
+    """Nor is it in the second frame, of which no scale is known yet."""
+    result, off, asked = after_a_wrong_start(stairs, monkeypatch, *ALONE, known=known)
     assert result.status is Status.TRACKED
     assert off < 0.002
     assert asked > 1
+
+
+@pytest.mark.parametrize("agrees_more", [[], ["there"], ["here", "there"]])
+def test_how_depth_agrees_where_no_camera_can_be_does_not_matter(stairs, monkeypatch, agrees_more):
+    """In a turn the next step may be in view whole, and the true one in part."""
+    fitting = scatter.fitting_depth
+
+    def fits(alignment):
+        place = "here" if se3.distance(alignment.T_ref_cur, stairs[2][KNOWN]) < 0.1 else "there"
+        return fitting(alignment) * (2 if place in agrees_more else 1)
+
+    monkeypatch.setattr(scatter, "fitting_depth", fits)
+    result, off, _ = after_a_wrong_start(stairs, monkeypatch, *ALONE)
+    assert result.status is Status.TRACKED
+    assert off < 0.002
 
 
 @pytest.mark.parametrize("overrides", [["status.edge_jump=0"], ["planes.weight=0"]])

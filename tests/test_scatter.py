@@ -9,7 +9,7 @@ from edvo import se3
 from edvo.config import Config, MatchingConfig, RegistrationConfig
 from edvo.odometry import Odometry, Status
 from edvo.registration import FAILURES, Registration
-from edvo.scatter import CROWDS_PX, RANGE_PX, SHARES, clarity, is_sharper
+from edvo.scatter import CROWDS_PX, RANGE_PX, SHARES, clarity, is_clearer, is_sharper
 from edvo.status import Judge
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
 
@@ -112,6 +112,8 @@ def test_sharper_is_clearer_with_depth_no_worse(crisp):
     assert not is_sharper(before, more)
     assert not is_sharper(before, before)
     assert not is_sharper(replace(more, plane_points=700), before)
+    assert is_clearer(replace(more, plane_points=700), before)
+    assert not is_clearer(before, more)
     assert not is_sharper(replace(more, sigma_depth=crisp.sigma_depth + 1), before)
     assert not is_sharper(replace(more, reason=FAILURES[1]), before)
 

@@ -12,7 +12,7 @@ from edvo.doubt import STEPPED, Doubt
 from edvo.kit import Kit
 from edvo.planes import DepthTerm, thinned
 from edvo.registration import AT_ONCE, Alignment
-from edvo.scatter import clarity, is_sharper
+from edvo.scatter import clarity, is_clearer, is_sharper
 from edvo.search import STRIDE
 from edvo.seen import Seen
 from edvo.status import SURE, Status, agreement, speed_of
@@ -251,9 +251,8 @@ class Locator:
         return T_expected is None or se3.distance(T_expected, T_world_cur) > limit
 
     def _asks_depth(self, seen: Seen) -> bool:
-        """Whether there is a usual scale, and depth, to register by a second time."""
-        known = self._asks_scatter and self._judge.scatter.is_known
-        return known and len(seen.points.sigma) > 0
+        """Whether there is depth, to register by a second time."""
+        return self._asks_scatter and len(seen.points.sigma) > 0
 
     def _is_lost(self, alignment: Alignment, timestamp: float) -> bool:
         return self.assess(alignment, timestamp)[0] is Status.LOST
@@ -307,7 +306,7 @@ class Locator:
     def _sharpest(
         self, seen: Seen, starts: NDArray[np.float64], term: DepthTerm, found: Alignment
     ) -> Alignment:
-        """Register with a scale that is known, and take what crowds edges most clearly.
+        """Register with the usual scale, if it is known, and take what crowds edges most clearly.
 
         Where light makes edges come and go at once, half of them belong to no edge of the
         keyframe: a scale that is taken from all of them lets them count. Depth knows no light, nor
@@ -324,7 +323,11 @@ class Locator:
         few = replace(seen, samples=seen.samples.every(STRIDE), points=usual)
         tried = [align(few, T) for T in (*starts, found.T_ref_cur, by_depth.T_ref_cur)]
         best = align(seen, max(tried, key=clarity).T_ref_cur)
-        return best if is_sharper(best, found) else found
+        if is_sharper(best, found):
+            return best
+        timestamp = seen.frame.timestamp  # how depth fits where no camera can be is no measure
+        is_possible = self._is_lost(found, timestamp) and not self._is_lost(best, timestamp)
+        return best if is_possible and is_clearer(best, found) else found
 
     def _is_off_planes(self, found: Alignment) -> bool:
         """Whether depth contradicts where edges lead, and edges are not all but sure of it."""

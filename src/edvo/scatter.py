@@ -175,8 +175,22 @@ def is_sharper(alignment: Alignment, other: Alignment) -> bool:
     -------
     bool
     """
-    clearer = clarity(alignment) > clarity(other) + CLEARLY
-    return clearer and fitting_depth(alignment) > NO_WORSE * fitting_depth(other)
+    no_worse = fitting_depth(alignment) > NO_WORSE * fitting_depth(other)
+    return no_worse and is_clearer(alignment, other)
+
+
+def is_clearer(alignment: Alignment, other: Alignment) -> bool:
+    """Whether a registration crowds edges more clearly in their places, whatever depth does.
+
+    Parameters
+    ----------
+    alignment, other : Alignment
+
+    Returns
+    -------
+    bool
+    """
+    return clarity(alignment) > clarity(other) + CLEARLY
 
 
 def clarity(alignment: Alignment) -> float:

@@ -25,8 +25,10 @@ CELLS = 16  # across the image: 40 px at VGA
 DOUBT = 1.2  # times the blur of the normals is taken off what they seem to know
 PRIOR = np.ones(6)  # 1/m^2 and 1/rad^2: what nothing constrains is off by a metre or a radian
 _UNIT, _PRIOR = np.eye(6), np.diag(PRIOR)
-# A direction is degenerate where the pose may be off by 5 cm or 2 degrees: its 90 % interval.
-DEGENERATE_M, DEGENERATE_RAD = 0.05 / 1.645, np.radians(2.0) / 1.645
+# A direction is degenerate where the pose may be off by 5 cm or 2 degrees: its 90 % interval, and
+# more, since long edges that are parallel err together, and regions are too small there.
+INTERVAL = 1.15 * 1.645
+DEGENERATE_M, DEGENERATE_RAD = 0.05 / INTERVAL, np.radians(2.0) / INTERVAL
 BOUNDS = np.array([DEGENERATE_M] * 3 + [DEGENERATE_RAD] * 3)
 PER_SQUARES = BOUNDS**-2  # of which the sum over variances is below 1 where each motion is told
 AXES = ("x", "y", "z")
@@ -43,7 +45,7 @@ class Shares(NamedTuple):
     tension: float  # of edges against planes
 
 
-SHARES = Shares(edges=9.3, planes=2.9, depth=1.0, tension=3.1)
+SHARES = Shares(edges=7.0, planes=2.2, depth=0.75, tension=2.3)
 _SHARES = np.array(SHARES)
 
 
@@ -258,8 +260,8 @@ def degenerate_directions(covariance: NDArray[np.float64]) -> NDArray[np.float64
     Returns
     -------
     ndarray of float64, shape (K, 6)
-        Twists [v, w], K of 0 to 6, that span the motions whose standard deviation exceeds 30 mm
-        or 1.2 degrees (a 90 % interval of 5 cm or 2 degrees): translations first, then rotations,
+        Twists [v, w], K of 0 to 6, that span the motions whose standard deviation exceeds 26 mm
+        or 1.06 degrees (an interval of 5 cm or 2 degrees): translations first, then rotations,
         then what is both; along the camera's axes as far as can be.
     """
     if covariance.diagonal() @ PER_SQUARES < 1:  # as then is each eigenvalue; none is negative
