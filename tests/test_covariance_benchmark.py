@@ -9,10 +9,12 @@ PAIRS = 27  # three of each scene
 
 
 def test_errors_of_pairs_lie_in_their_regions() -> None:
-    found = [covariance.pair(covariance.CHECK, number) for number in range(PAIRS)]
+    textured = [n for n in range(PAIRS) if covariance.SCENES[n % 9] != "white_wall"]
+    found = [covariance.pair(covariance.CHECK, number) for number in textured]
     tracked = [o for o in found if o is not None and o.status is Status.TRACKED]
-    assert len(tracked) >= 0.85 * PAIRS
-    inside = [outcome.square(outcome.covariance) < covariance.BOUNDS[2] for outcome in tracked]
-    assert np.mean(inside) > 0.75
+    assert len(tracked) > 0.8 * len(textured)
+    squares = np.array([outcome.square(outcome.covariance) for outcome in tracked])
+    assert 2.7 < np.median(squares) < 8  # 5.3 by chance
+    assert np.mean(squares < covariance.BOUNDS[2]) > 0.75
     naive = [o.square(o.sigma_px**2 * np.linalg.inv(o.H)) < covariance.BOUNDS[2] for o in tracked]
     assert np.mean(naive) < 0.3

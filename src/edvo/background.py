@@ -33,7 +33,7 @@ FITS, BEHIND_M = 2.5, 0.25  # times the noise; and what is so far behind may hav
 REACH, SLACK_M, SLACK_SIGMA = 2, 0.01, 2.0  # of the neighbours that speak for a place, in cells
 ROUNDS = 2  # of telling what stands still, and registering it
 MIN_SAMPLES = 60  # that stand still: fewer are no background
-MIN_WORTH = 0.05  # less is as likely something that moves
+MIN_WORTH = 0.05  # of what hangs on edges without depth alone: they fit wherever they are led
 SAME_M, SAME_RAD = 0.02, math.radians(0.4)  # nearer to each other, poses are the same
 DRIFT_M, DRIFT_M_S, DRIFT_S = 0.05, 0.5, 0.3  # how far from where it was going, so long after
 REACHED = 99.5  # percent of the depths: as far as the sensor reaches
@@ -60,11 +60,14 @@ class Still:
     alignment : Alignment
     worth : float
         To compare with what other starts lead to.
+    is_far : bool
+        Whether hardly anything but edges without depth stands still.
     """
 
     seen: Seen
     alignment: Alignment
     worth: float
+    is_far: bool
 
     @property
     def found(self) -> tuple[Seen, Alignment]:
@@ -193,7 +196,8 @@ class Background:
         Returns
         -------
         Still or None
-            None where hardly anything stands still.
+            None where hardly anything stands still, or edges without depth alone, far from where
+            the camera was bound for.
         """
         asked = self._asked(key, seen.frame.timestamp)
         if not asked:
@@ -210,7 +214,7 @@ class Background:
                 away = se3.distance(T_world_cam, expected) / reach
                 found.append(replace(still, worth=still.worth * math.exp(-(away**2) / 2)))
         best = max(found, key=lambda still: still.worth, default=None)
-        return None if best is None or best.worth < MIN_WORTH else best
+        return None if best is None or (best.is_far and best.worth < MIN_WORTH) else best
 
     def _expected(
         self, key: Keyframe, timestamp: float, velocity: NDArray[np.float64]
@@ -237,7 +241,7 @@ class Background:
 
     def _settle(self, view: "_View", T_key_cur: NDArray[np.float64]) -> Still | None:
         """Take turns: tell what stands still at a pose, and register it."""
-        kept, alignment, share = view.seen, None, 1.0
+        kept, alignment, share, is_far = view.seen, None, 1.0, False
         for _ in range(ROUNDS):
             kept = self._standing(view, T_key_cur)
             if view.far:
@@ -250,9 +254,9 @@ class Background:
         if view.far:
             placed, share = self._placed(view, T_key_cur)
             near = self._standing(view, T_key_cur)
-            few = len(near.samples) < MIN_SAMPLES
+            is_far = len(near.samples) < MIN_SAMPLES
             near = replace(near, samples=near.samples.joined(placed.every(FAR_LEFT)))
-            again = None if few else self._align(view, near, T_key_cur)
+            again = None if is_far else self._align(view, near, T_key_cur)
             if again is not None:
                 share_near = self._placed(view, again.T_ref_cur)[1]
                 if share_near > FAR_LOSS * share:
@@ -262,7 +266,7 @@ class Background:
         lying = alignment.plane_points / max(len(view.seen.points.sigma), 1)
         fitting = alignment.agreeing / len(kept.samples)
         worth = bare * share**FAR_POWER + (1 - bare) * lying * fitting
-        return Still(kept, alignment, worth)
+        return Still(kept, alignment, worth, is_far)
 
     def _align(
         self, view: "_View", kept: Seen, T_key_start: NDArray[np.float64]

@@ -14,15 +14,16 @@ from numpy.typing import NDArray
 from edvo import kernels, se3
 from edvo.config import Config
 from edvo.course import FADING_S
-from edvo.uncertainty import BOUNDS, PER_SQUARES, in_current_camera
+from edvo.uncertainty import BOUNDS, MARGIN, PER_SQUARES, in_current_camera
 
 HAND = np.array([3.0] * 3 + [6.0] * 3)  # how a hand accelerates, m/s^2 and rad/s^2 (one sigma)
-PRIOR_ALONE = 100.0  # times the variance that is called not constrained: 0.3 m or 12 degrees
+PRIOR_ALONE = 100.0  # times the variance that is called not constrained: 0.26 m or 11 degrees
 NOTHING = 1e4  # the same, of what no registration has told
 UNKNOWN = np.array([0.5] * 3 + [1.0] * 3)  # velocity at first, m/s and rad/s (one sigma)
 LOOSE = 1 / 3  # of what is called not constrained; a registration that is surer stands as it is
 LASTING_S = 0.15  # after so long without one that stands, what the filter is sure of is doubtful
-_HAND, _PER_BOUNDS = HAND**2, 1 / np.outer(BOUNDS, BOUNDS)
+_HAND = (HAND / MARGIN) ** 2  # in the unit of covariances, by which errors are that much smaller
+_PER_BOUNDS = 1 / np.outer(BOUNDS, BOUNDS)
 
 
 class Inertia:
@@ -94,7 +95,7 @@ class Inertia:
         if not follows or self._index is None:
             self.forget()
             self._index = index
-            self._P[0], self._P[2] = own, np.diag(UNKNOWN**2)
+            self._P[0], self._P[2] = own, np.diag((UNKNOWN / MARGIN) ** 2)
             return None
         if index != self._index:  # the last frame is the keyframe, and where it is, by definition
             self._index = index

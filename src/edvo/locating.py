@@ -325,9 +325,18 @@ class Locator:
         best = align(seen, max(tried, key=clarity).T_ref_cur)
         if is_sharper(best, found):
             return best
-        timestamp = seen.frame.timestamp  # how depth fits where no camera can be is no measure
-        is_possible = self._is_lost(found, timestamp) and not self._is_lost(best, timestamp)
-        return best if is_possible and is_clearer(best, found) else found
+        timestamp = seen.frame.timestamp
+        if not self._is_impossible(found, timestamp) or self._is_lost(best, timestamp):
+            return found
+        # how depth fits where no camera can be is no measure
+        return found if self._judge.may_be_off(best) or not is_clearer(best, found) else best
+
+    def _is_impossible(self, found: Alignment, timestamp: float) -> bool:
+        """Whether it is lost for leading where no camera can be, however well it fits."""
+        T_last_cur, period = self._course.moved(found.T_ref_cur, timestamp)
+        status, reason = self.assess(found, timestamp)
+        is_jump = bool(self._judge.jump(*speed_of(T_last_cur, period)))
+        return status is Status.LOST and (is_jump or reason == LEAPT)
 
     def _is_off_planes(self, found: Alignment) -> bool:
         """Whether depth contradicts where edges lead, and edges are not all but sure of it."""

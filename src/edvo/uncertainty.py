@@ -25,10 +25,11 @@ CELLS = 16  # across the image: 40 px at VGA
 DOUBT = 1.2  # times the blur of the normals is taken off what they seem to know
 PRIOR = np.ones(6)  # 1/m^2 and 1/rad^2: what nothing constrains is off by a metre or a radian
 _UNIT, _PRIOR = np.eye(6), np.diag(PRIOR)
-# A direction is degenerate where the pose may be off by 5 cm or 2 degrees: its 90 % interval, and
-# more, since long edges that are parallel err together, and regions are too small there.
-INTERVAL = 1.15 * 1.645
-DEGENERATE_M, DEGENERATE_RAD = 0.05 / INTERVAL, np.radians(2.0) / INTERVAL
+# For decisions, errors are taken to be so many times as large: regions hold what they should of
+# errors in all scenes together, and less where long edges are parallel and err together.
+MARGIN = 1.15
+# A direction is degenerate where the pose may be off by 5 cm or 2 degrees: its 90 % interval.
+DEGENERATE_M, DEGENERATE_RAD = 0.05 / 1.645 / MARGIN, np.radians(2.0) / 1.645 / MARGIN
 BOUNDS = np.array([DEGENERATE_M] * 3 + [DEGENERATE_RAD] * 3)
 PER_SQUARES = BOUNDS**-2  # of which the sum over variances is below 1 where each motion is told
 AXES = ("x", "y", "z")
@@ -261,8 +262,8 @@ def degenerate_directions(covariance: NDArray[np.float64]) -> NDArray[np.float64
     -------
     ndarray of float64, shape (K, 6)
         Twists [v, w], K of 0 to 6, that span the motions whose standard deviation exceeds 26 mm
-        or 1.06 degrees (an interval of 5 cm or 2 degrees): translations first, then rotations,
-        then what is both; along the camera's axes as far as can be.
+        or 1.06 degrees (times `MARGIN`, a 90 % interval of 5 cm or 2 degrees): translations
+        first, then rotations, then what is both; along the camera's axes as far as can be.
     """
     if covariance.diagonal() @ PER_SQUARES < 1:  # as then is each eigenvalue; none is negative
         return np.empty((0, 6))
