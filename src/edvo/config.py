@@ -500,8 +500,9 @@ class StatusConfig(Section):
         default=2.5,
         description="a frame whose edges scatter about their matches by so many times what they "
         "did of late, while depth lies on the keyframe's planes as ever, is registered anew by the "
-        "scale of late; and one that is followed closely is degraded, not lost, if that share "
-        "(min_agreeing) of its edges still are in their places. 0 leaves both. Not in the paper",
+        "scale of late, as is one that is lost; and one that is followed closely is degraded, not "
+        "lost, if that share (min_agreeing) of its edges still are in their places. 0 leaves both. "
+        "Not in the paper",
     )
     min_told: Annotated[float, Field(ge=0, lt=1)] = Field(
         default=0.25,
