@@ -326,17 +326,17 @@ class Locator:
         if is_sharper(best, found):
             return best
         timestamp = seen.frame.timestamp
-        if not self._is_impossible(found, timestamp) or self._is_lost(best, timestamp):
-            return found
-        # how depth fits where no camera can be is no measure
-        return found if self._judge.may_be_off(best) or not is_clearer(best, found) else best
+        if self._is_impossible(found, timestamp) and not self._is_lost(best, timestamp):
+            # how depth fits where no camera can be is no measure
+            if is_clearer(best, found) and not self._judge.may_be_off(best):
+                return best
+        return found
 
     def _is_impossible(self, found: Alignment, timestamp: float) -> bool:
-        """Whether it is lost for leading where no camera can be, however well it fits."""
+        """Whether it leads where no camera can be, however well it fits."""
         T_last_cur, period = self._course.moved(found.T_ref_cur, timestamp)
-        status, reason = self.assess(found, timestamp)
         is_jump = bool(self._judge.jump(*speed_of(T_last_cur, period)))
-        return status is Status.LOST and (is_jump or reason == LEAPT)
+        return is_jump or self.assess(found, timestamp)[1] == LEAPT
 
     def _is_off_planes(self, found: Alignment) -> bool:
         """Whether depth contradicts where edges lead, and edges are not all but sure of it."""

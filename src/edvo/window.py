@@ -22,7 +22,8 @@ from edvo.uncertainty import MARGIN, Uncertainty
 
 REACH = 1.5  # times how far a keyframe is used: one farther from the new one shows too little of it
 LEAST_FIT = 0.6  # of the samples, in place and turned alike
-# Squared difference to what is known, over its covariance: 99 % of them by chance.
+# Squared difference to what is known, over its covariance: 99 % of them by chance, of errors that
+# are as large as decisions take them to be.
 LARGEST = 16.8 * MARGIN**2
 JUMP_M, JUMP_RAD = 0.02, 0.02  # more at once would look as if something moved: not believed
 STEPS = 2  # Gauss-Newton; poses are millimetres off
