@@ -325,12 +325,10 @@ class Locator:
         best = align(seen, max(tried, key=clarity).T_ref_cur)
         if is_sharper(best, found):
             return best
-        timestamp = seen.frame.timestamp
-        if self._is_impossible(found, timestamp) and not self._is_lost(best, timestamp):
-            # how depth fits where no camera can be is no measure
-            if is_clearer(best, found) and not self._judge.may_be_off(best):
-                return best
-        return found
+        timestamp = seen.frame.timestamp  # how depth fits where no camera can be is no measure
+        is_free = self._is_impossible(found, timestamp) and not self._is_lost(best, timestamp)
+        fits = is_clearer(best, found) and not self._judge.may_be_off(best)
+        return best if is_free and fits else found
 
     def _is_impossible(self, found: Alignment, timestamp: float) -> bool:
         """Whether it leads where no camera can be, however well it fits."""

@@ -38,7 +38,7 @@ AXIAL = np.cos(np.radians(15.0))  # a direction nearer to an axis is named by th
 
 
 class Shares(NamedTuple):
-    """What each source of error counts: of a fit to rendered pairs; see docs/theory/covariance.md."""
+    """What each source of error counts: fitted to rendered pairs; see docs/theory/covariance.md."""
 
     edges: float  # of the scores that are observed
     planes: float
