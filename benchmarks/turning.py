@@ -36,6 +36,7 @@ from edvo.trajectory import Trajectory
 PAGE = ROOT / "docs" / "theory" / "unconstrained.md"
 MARK = "<!-- measured: written by python -m benchmarks.turning --docs -->\n"
 FRAMES, STARTS, SEEDS = 150, (0, 9), (0, 1)
+INSTANTS = 7  # that an exposure is the mean of
 WAVES, FREQUENCIES, SPEED = 6, (0.25, 1.5), 0.3  # sinusoids an axis, Hz, m/s
 RULES = {
     "default": (),
@@ -46,12 +47,16 @@ RULES = {
 
 
 class Clip(NamedTuple):
-    """What is rendered: a scene, how fast the camera turns (rms, deg/s), and by which seed."""
+    """What is rendered: a scene, how fast the camera turns (rms, deg/s), and by which seed.
+
+    And in what time its rows are read and exposed, seconds.
+    """
 
     scene: str
     turn: float
     seed: int
     readout: float = 0.0
+    exposure: float = 0.0
 
 
 CLIPS = (
@@ -141,13 +146,14 @@ def main() -> None:
         document(PAGE.parent, measured_table, page=PAGE, mark=MARK)
 
 
-def render(clip: Clip) -> Recorded:
-    """Render a clip."""
-    recipe = make_recipe(clip.scene, frames=FRAMES, seed=clip.seed)
+def render(clip: Clip, count: int = FRAMES) -> Recorded:
+    """Render a clip of so many frames."""
+    recipe = make_recipe(clip.scene, frames=count, seed=clip.seed)
     way = RandomWay(recipe.motion.at(0.0), clip.turn, clip.seed)
-    shutter = Shutter(readout=clip.readout)
+    steps = INSTANTS if clip.exposure else 1
+    shutter = Shutter(exposure=clip.exposure, steps=steps, readout=clip.readout)
     source = SyntheticSource(replace(recipe, motion=way, shutter=shutter))
-    readings = read_ahead(source, range(FRAMES))
+    readings = read_ahead(source, range(count))
     frames = [reading.frame for reading in readings if reading.frame is not None]
     return Recorded(source.camera, frames, source.ground_truth)
 

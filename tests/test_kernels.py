@@ -1084,6 +1084,22 @@ def test_blurred_gradients(rng, shape, bits):
         np.testing.assert_array_equal(dv, cv2.Sobel(smooth, cv2.CV_16S, 0, 1))
 
 
+@pytest.mark.parametrize("shape", [(480, 640), (3, 3), (4, 9), (11, 3)])
+@pytest.mark.parametrize("passes", [1, 2, 4])
+def test_widely_blurred_gradients(rng, shape, passes):
+    grey = rng.integers(0, 256, shape, np.uint8)
+    grey[: shape[0] // 2], grey[:, -1:] = 255, 0
+    du, dv = np.full((2, *shape), 77, np.int16)
+    here, there = np.full((2, shape[0], shape[1] + 2), 77, np.int16)
+    _, expected = both(
+        "widely_blurred_gradients",
+        lambda: kernels.widely_blurred_gradients(grey, np.int32(5), passes, here, there, du, dv),
+        lambda: twins.blurred_gradients(grey, 5, passes),
+    )
+    np.testing.assert_array_equal(du, expected[0])
+    np.testing.assert_array_equal(dv, expected[1])
+
+
 def test_judge_matches(rng):
     matches = rng.integers(-1, 50, 400).astype(np.int32)
     matches[:100] = -1

@@ -92,7 +92,7 @@ def test_small_images(shape):
     grey = noisy(np.full(shape, 120.0), 60.0)
     assert image_noise(grey) >= 0
     assert (image_noise(grey) == 0) == (min(shape) < noise.LEAST_PX)
-    assert quieted(grey, 2.5).shape == shape
+    assert quieted(grey, 2.5)[0].shape == shape
 
 
 @pytest.mark.parametrize(("shape", "sigma"), [((50, 66), 60), ((240, 320), 3), ((6, 7), 9)])
@@ -119,9 +119,11 @@ def test_an_image_is_quieted_to_what_it_may_have():
 
 def test_a_quiet_image_stays_as_it_is():
     grey = noisy(shaded(), 1.5)
-    assert quieted(grey, 2.5) is grey
+    image, variance = quieted(grey, 2.5)
+    assert image is grey
+    assert variance == 0
     loud = noisy(shaded(), 20.0)
-    assert quieted(loud, 0.0) is loud
+    assert quieted(loud, 0.0)[0] is loud
     assert Config.preset("paper").edges.max_noise == 0
 
 

@@ -983,13 +983,21 @@ def depth_equations(planes, points, camera, T, term, sigma, scale):
 # --------------------------------------------------------------------------------------- blur
 
 
-def blurred_gradients(grey, bits):
-    """Sobel's gradients of an image blurred by binomials, of which so many bits are rounded."""
+def blurred_gradients(grey, bits, passes=0):
+    """Sobel's gradients of an image blurred by binomials, of which so many bits are rounded.
+
+    Then it is blurred again, so many times, by weights two pixels apart.
+    """
     wide = np.pad(grey.astype(int), 2, mode="reflect")
     weights, (height, width) = (1, 4, 6, 4, 1), grey.shape
     sums = sum(w * wide[i : i + height] for i, w in enumerate(weights))
     total = sum(w * sums[:, i : i + width] for i, w in enumerate(weights))
-    smooth = np.pad(np.floor(total / 2**bits + 0.5).astype(int), 1, mode="reflect")
+    image = np.floor(total / 2**bits + 0.5).astype(int)
+    for _ in range(passes):
+        wide = np.pad(image, 2, mode="reflect")
+        sums = wide[:-4] + 2 * wide[2:-2] + wide[4:]
+        image = np.floor((sums[:, :-4] + 2 * sums[:, 2:-2] + sums[:, 4:]) / 16 + 0.5).astype(int)
+    smooth = np.pad(image, 1, mode="reflect")
     across, down = smooth[:, 2:] - smooth[:, :-2], smooth[2:] - smooth[:-2]
     du = across[:-2] + 2 * across[1:-1] + across[2:]
     return du, down[:, :-2] + 2 * down[:, 1:-1] + down[:, 2:]

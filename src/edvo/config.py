@@ -61,6 +61,12 @@ class EdgesConfig(Section):
         "gradients are as quiet as those of one with so much (with a blur_px of 5); 0 leaves "
         "images as they are. Not in the paper",
     )
+    smear: Literal["measured", "none"] = Field(
+        default="measured",
+        description="images whose edges are smeared, by motion while they are exposed or out of "
+        "focus, are blurred by more: measured from frame to frame, where edges lie on a vertex, or "
+        "none is taken to be. Not in the paper",
+    )
     black_rim: Literal["ignored", "kept"] = Field(
         default="ignored",
         description="what is black about images, as outside the view of a lens, has edges that "
@@ -733,6 +739,7 @@ PRESETS: dict[str, dict[str, Any]] = {
             "position": "pixel",
             "grey_steps": 1,
             "max_noise": 0.0,
+            "smear": "none",
             "black_rim": "kept",
             "depth_rule": "window",
         },

@@ -4,8 +4,10 @@ The paper takes Canny, because non-maximum suppression and two thresholds find t
 under different light; the two extractors that it is compared with are here as well, by name.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TypeVar, cast
 
 import cv2
@@ -21,6 +23,7 @@ from edvo.thresholds import STRONGEST, Scales, threshold_scales
 
 DOG_RATIO = 1.6  # of the two Gaussians: nearest to the Laplacian of a Gaussian (Marr 1980)
 BINOMIAL_PX, BINOMIAL_BITS = 5, 8  # the blur that a kernel does, and the bits that it adds
+PASS_PX2 = 2.0  # variance of a pass that blurs an image by more
 _Grey = TypeVar("_Grey", np.uint8, np.float32)
 NO_TABLE = np.empty((0, 0, 2), np.float32)
 NO_TABLE.setflags(write=False)  # as Camera.undistortion_table: else its kernel compiles twice
@@ -164,6 +167,10 @@ class EdgeImage:
         Whether edges are placed between pixels.
     scale : float
         By which the thresholds of ``EdgesConfig`` were multiplied.
+    passes : int
+        Of a blur beyond the usual, as asked for, and
+    blur_px2 : float
+        the variance, px^2, of all that the image was blurred by beyond the usual.
     scales : Scales, optional
         By which they may be, for this image; None where that was not asked.
     """
@@ -173,10 +180,17 @@ class EdgeImage:
     dv: NDArray[np.int16]
     is_fine: bool = False
     scale: float = 1.0
+    passes: int = 0
+    blur_px2: float = 0.0
     scales: Scales | None = None
 
     def __len__(self) -> int:
         return len(self.index)
+
+    @property
+    def is_faint(self) -> bool:
+        """Whether faint edges are among them, as far as that was asked."""
+        return self.scales is not None and self.scale < self.scales.usual
 
     def describe(
         self,
@@ -231,6 +245,7 @@ class EdgeBuffers:
         self.dv = np.empty((height, width), np.int16)
         self.mask = np.empty((height, width), np.uint8)
         self.room = np.empty(2 * height * width + 1, np.int32)  # for lists of pixels
+        self.wide = np.empty((2, height, width + 2), np.int16)  # for images blurred by more
 
 
 def extract_edges(
@@ -241,6 +256,7 @@ def extract_edges(
     faint: bool = False,
     scale: float | None = None,
     blind: NDArray[np.bool_] | None = None,
+    passes: int = 0,
 ) -> EdgeImage:
     """Find the edge pixels of an image.
 
@@ -258,24 +274,27 @@ def extract_edges(
         By which they are multiplied; what the image calls for where not given.
     blind : ndarray of bool, shape (H, W), optional
         Where no edges are taken.
+    passes : int, optional
+        Of a blur of 2 px^2 each, beyond the usual one.
 
     Returns
     -------
     EdgeImage
     """
     buffers = buffers or EdgeBuffers(*grey.shape)
-    quiet = quieted(grey, config.max_noise)
-    slopes(quiet, config, buffers, blind)
-    if config.extractor == "canny":
-        if scale is not None:
-            return _canny_edges(config, buffers, scale)
-        scales = threshold_scales(buffers.du, buffers.dv, config)
-        if scales.faint < scales.usual and blockiness(grey) > config.max_blockiness:
-            scales = scales._replace(faint=scales.usual)
-        image = _canny_edges(config, buffers, scales.faint if faint else scales.usual)
-        return replace(image, scales=scales)
-    MASKS[config.extractor](quiet, config, buffers)
-    return _collected(config, buffers)
+    quiet, variance = quieted(grey, config.max_noise)
+    slopes(quiet, config, buffers, blind, passes)
+    as_blurred = partial(replace, passes=passes, blur_px2=variance + PASS_PX2 * passes)
+    if config.extractor != "canny":
+        MASKS[config.extractor](quiet, config, buffers)
+        return as_blurred(_collected(config, buffers))
+    if scale is not None:
+        return as_blurred(_canny_edges(config, buffers, scale))
+    scales = threshold_scales(buffers.du, buffers.dv, config)
+    if scales.faint < scales.usual and blockiness(grey) > config.max_blockiness:
+        scales = scales._replace(faint=scales.usual)
+    image = _canny_edges(config, buffers, scales.faint if faint else scales.usual)
+    return as_blurred(image, scales=scales)
 
 
 def edges_to_keep(
@@ -379,8 +398,10 @@ def depth_at_edges(
     return result
 
 
-def _blurred(image: NDArray[_Grey], config: EdgesConfig) -> NDArray[_Grey]:
-    """Blur an image by OpenCV, as wide as ``config.blur_px`` says, of its own type."""
+def _blurred(image: NDArray[_Grey], config: EdgesConfig, passes: int = 0) -> NDArray[_Grey]:
+    """Blur an image by OpenCV, as wide as ``config.blur_px`` says and more, of its own type."""
+    if passes:
+        image = cast(NDArray[_Grey], cv2.GaussianBlur(image, (0, 0), math.sqrt(PASS_PX2 * passes)))
     if not config.blur_px:
         return image
     return cast(NDArray[_Grey], cv2.GaussianBlur(image, (config.blur_px, config.blur_px), 0))
@@ -391,6 +412,7 @@ def slopes(
     config: EdgesConfig,
     buffers: EdgeBuffers,
     blind: NDArray[np.bool_] | None = None,
+    passes: int = 0,
 ) -> None:
     """Blur an image by a Gaussian, and write Sobel's gradients of that.
 
@@ -405,15 +427,23 @@ def slopes(
         ``du`` and ``dv`` are written.
     blind : ndarray of bool, shape (H, W), optional
         Where they are 0.
+    passes : int, optional
+        Of a blur beyond that; the default is none.
     """
     steps = config.grey_steps
     if config.blur_px == BINOMIAL_PX and min(grey.shape) > 2:
         bits = np.int32(BINOMIAL_BITS - (steps.bit_length() - 1))
-        kernels.blurred_gradients(grey, bits, buffers.du, buffers.dv)
+        if passes:
+            here, there = buffers.wide
+            kernels.widely_blurred_gradients(
+                grey, bits, passes, here, there, buffers.du, buffers.dv
+            )
+        else:
+            kernels.blurred_gradients(grey, bits, buffers.du, buffers.dv)
     elif steps == 1:
-        cv2.spatialGradient(_blurred(grey, config), buffers.du, buffers.dv)
+        cv2.spatialGradient(_blurred(grey, config, passes), buffers.du, buffers.dv)
     else:
-        fine = np.floor(_blurred(grey.astype(np.float32) * steps, config) + 0.5)
+        fine = np.floor(_blurred(grey.astype(np.float32) * steps, config, passes) + 0.5)
         buffers.du[:], buffers.dv[:] = (
             cv2.Sobel(fine, cv2.CV_32F, *order) for order in ((1, 0), (0, 1))
         )

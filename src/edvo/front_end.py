@@ -23,6 +23,7 @@ from edvo.rim import Rim
 from edvo.sampling import sample_edges
 from edvo.seen import Seen
 from edvo.sensor import DEPTH_NOISE
+from edvo.smear import Smear
 
 SEED_STRIDE = 1_000_003  # frames that seeds keep apart
 GATHERED = 6000  # edges that a keyframe is shown of another light: more would delay a frame
@@ -55,6 +56,8 @@ class FrontEnd:
         self._registration, self._fitter = registration, fitter
         self._buffers = EdgeBuffers(camera.height, camera.width)
         self._rim = Rim()
+        self._smear = Smear(config.edges)
+        self._blind: NDArray[np.bool_] | None = None
         self._reobserved = Reobserved(camera)
         self._chooses = config.sampling.selection == "informative"
 
@@ -88,14 +91,26 @@ class FrontEnd:
         count, fine, near, faint = usual_detail(config) if detail is None else detail
         with self._clock("edges"):
             ignored = config.edges.black_rim == "ignored"
-            blind = self._rim.near(frame.grey, frame.depth) if ignored else None
-            edges = extract_edges(frame.grey, config.edges, self._buffers, faint=faint, blind=blind)
+            self._blind = self._rim.near(frame.grey, frame.depth) if ignored else None
+            edges = self._edges(frame, faint=faint)
         with self._clock("planes"):
             points = self._fitter.points(frame.depth, T_cam_depth, fine=fine)
         with self._clock("sampling"):
             seed = config.seed * SEED_STRIDE + index
             samples = self._drawn(edges, frame, T_cam_depth, count, seed)
+            self._smear.note(edges, samples.profiles, frame.timestamp)
         return Seen(frame, edges, samples, points, T_cam_depth, fine, near)
+
+    def _edges(self, frame: Frame, *, faint: bool) -> EdgeImage:
+        """Find the edges of a frame, blurred as its keyframe is."""
+        return extract_edges(
+            frame.grey,
+            self._config.edges,
+            self._buffers,
+            faint=faint,
+            blind=self._blind,
+            passes=self._smear.passes,
+        )
 
     def to_keep(self, seen: Seen) -> tuple[Seen, int]:
         """Find the edges that a keyframe is to have: those that tell places, and fainter ones.
@@ -113,9 +128,12 @@ class FrontEnd:
             How many of them, the first ones, do.
         """
         config, share = self._config.edges, self._config.keyframes.edge_scale
-        edges, telling = edges_to_keep(seen.edges, config, self._buffers, share)
+        found, blurred_anew = seen.edges, self._smear.settle() != seen.edges.passes
+        if blurred_anew:  # only now: images that are blurred otherwise show other edges
+            found = self._edges(seen.frame, faint=found.is_faint)
+        edges, telling = edges_to_keep(found, config, self._buffers, share)
         samples = seen.samples
-        if telling < len(seen.edges):  # some of these are of faint ones
+        if blurred_anew or telling < len(found):  # some of these are of faint ones
             first = replace(edges, index=edges.index[:telling])
             samples = self._drawn(first, seen.frame, seen.T_cam_depth, self._config.sampling.count)
         return replace(seen, edges=edges, samples=samples), telling
@@ -178,6 +196,7 @@ class FrontEnd:
         """Forget what is known of the camera's images as well."""
         self.forget()
         self._rim = Rim()
+        self._smear.forget()
 
     def keyframe(
         self,

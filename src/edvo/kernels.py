@@ -484,32 +484,86 @@ def slope_row(above: I16, here: I16, below: I16, du: I16, dv: I16) -> None:
         )
 
 
+@lean
+def blur_at(grey: U8, row: int, bits: np.int32, sums: I16, smooth: I16) -> None:
+    """Blur a row of an image with 1, 4, 6, 4 and 1 both ways, with one pixel more at either end.
+
+    Beyond the borders the image is mirrored about its outermost pixels.
+    """
+    height, width = grey.shape
+    above, below = abs(row - 1), height - 1 - abs(height - 2 - row)
+    top, bottom = abs(row - 2), height - 1 - abs(height - 3 - row)
+    sum_columns(grey[top], grey[above], grey[row], grey[below], grey[bottom], sums)
+    sums[0], sums[1] = sums[4], sums[3]
+    sums[width + 2], sums[width + 3] = sums[width], sums[width - 1]
+    blur_row(sums, bits, smooth)
+    smooth[0], smooth[width + 1] = smooth[2], smooth[width - 1]
+
+
 @compiled
 def blurred_gradients(grey: U8, bits: np.int32, du: I16, dv: I16) -> None:
     """Blur an image with 1, 4, 6, 4 and 1 along columns and rows, and write Sobel's gradients.
 
     In one pass, row by row. Of the 256 steps that a grey level then has all but so many bits stay.
-    Beyond the borders the image is mirrored about its outermost pixels. It has three rows and
-    columns at least.
+    It has three rows and columns at least.
     """
     height, width = grey.shape
     sums, rows = np.empty(width + 4, np.int16), np.empty((3, width + 2), np.int16)
     for row in range(height + 1):
         if row < height:
-            above, below = abs(row - 1), height - 1 - abs(height - 2 - row)
-            top, bottom = abs(row - 2), height - 1 - abs(height - 3 - row)
-            sum_columns(grey[top], grey[above], grey[row], grey[below], grey[bottom], sums)
-            sums[0], sums[1] = sums[4], sums[3]
-            sums[width + 2], sums[width + 3] = sums[width], sums[width - 1]
-            smooth = rows[row % 3]
-            blur_row(sums, bits, smooth)
-            smooth[0], smooth[width + 1] = smooth[2], smooth[width - 1]
+            blur_at(grey, row, bits, sums, rows[row % 3])
         if row > 0:
             before = abs(row - 2)
             after = row if row < height else height - 2
             slope_row(
                 rows[before % 3], rows[(row - 1) % 3], rows[after % 3], du[row - 1], dv[row - 1]
             )
+
+
+@lean_float
+def sum_apart(above: I16, here: I16, below: I16, sums: I16) -> None:
+    """Write three rows, weighed 1, 2 and 1, behind the first place."""
+    two = np.int16(2)
+    for u in range(here.size):
+        sums[u + 1] = np.int16(np.int16(above[u] + below[u]) + np.int16(two * here[u]))
+
+
+@lean_float
+def widen_row(sums: I16, wide: I16) -> None:
+    """Weigh a row likewise, two pixels apart, and take the mean, behind the first place.
+
+    Sums are at most 4 x 4 x 8 x 255, which 16 bits hold.
+    """
+    two, half, bits = np.int16(2), np.int16(8), np.int16(4)
+    for u in range(wide.size - 2):
+        total = np.int16(np.int16(sums[u] + sums[u + 4]) + np.int16(two * sums[u + 2]))
+        wide[u + 1] = np.int16(np.int16(total + half) >> bits)
+
+
+@compiled
+def widely_blurred_gradients(
+    grey: U8, bits: np.int32, passes: int, here: I16, there: I16, du: I16, dv: I16
+) -> None:
+    """Blur an image as `blurred_gradients` does, and then with 1, 0, 2, 0 and 1, so many times.
+
+    Each of these ``passes`` adds a variance of 2 px^2. ``here`` and ``there`` (H, W + 2) are room
+    for blurred images. Of the steps that a grey level has 8 are left at most.
+    """
+    height, width = grey.shape
+    sums = np.empty(width + 4, np.int16)
+    for row in range(height):
+        blur_at(grey, row, bits, sums, here[row])
+    for _ in range(passes):
+        for row in range(height):
+            above, below = abs(row - 2), height - 1 - abs(height - 3 - row)
+            sum_apart(here[above], here[row], here[below], sums)
+            sums[0], sums[width + 3] = sums[4], sums[width - 1]
+            widen_row(sums, there[row])
+            there[row, 0], there[row, width + 1] = there[row, 2], there[row, width - 1]
+        here, there = there, here
+    for row in range(height):
+        before, after = abs(row - 1), height - 1 - abs(height - 2 - row)
+        slope_row(here[before], here[row], here[after], du[row], dv[row])
 
 
 @lean_float

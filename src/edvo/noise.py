@@ -48,7 +48,7 @@ def image_noise(grey: NDArray[np.uint8]) -> float:
     return (by_sum + SMOOTHED * max(by_sum - by_pixel, 0.0)) / (WITHIN * SPREAD)
 
 
-def quieted(grey: NDArray[np.uint8], most: float) -> NDArray[np.uint8]:
+def quieted(grey: NDArray[np.uint8], most: float) -> tuple[NDArray[np.uint8], float]:
     """Blur an image until its gradients are no noisier than those of one with so much noise.
 
     Parameters
@@ -59,10 +59,13 @@ def quieted(grey: NDArray[np.uint8], most: float) -> NDArray[np.uint8]:
 
     Returns
     -------
-    ndarray of uint8, shape (H, W)
+    image : ndarray of uint8, shape (H, W)
         The image itself where it is no noisier.
+    variance : float
+        Of the Gaussian, px^2; 0 where there was no need.
     """
     excess = image_noise(grey) / most - 1.0 if most else 0.0
     if excess < LEAST_EXCESS:
-        return grey
-    return np.asarray(cv2.GaussianBlur(grey, (0, 0), math.sqrt(GRADIENT_PX2 * excess)), np.uint8)
+        return grey, 0.0
+    variance = GRADIENT_PX2 * excess
+    return np.asarray(cv2.GaussianBlur(grey, (0, 0), math.sqrt(variance)), np.uint8), variance

@@ -68,6 +68,8 @@ class TrackedFrame:
     edge_scale : float or None
         By which Canny's thresholds were multiplied, see ``edges.strong_share``; 1 for other
         extractors. None where no edges were looked for.
+    edge_passes : int
+        By which the image was blurred more than usual, see ``edges.smear``.
     """
 
     timestamp: float
@@ -85,6 +87,7 @@ class TrackedFrame:
     degenerate: tuple[str, ...] = ()
     piece: int = 0
     edge_scale: float | None = None
+    edge_passes: int = 0
 
 
 class Record:
@@ -167,6 +170,7 @@ class Record:
             degenerate=degenerate,
             piece=self._pieces.here,
             edge_scale=seen.edges.scale if seen else None,
+            edge_passes=seen.edges.passes if seen else 0,
         )
 
     def lose(
@@ -211,4 +215,5 @@ class Record:
             alignment=alignment,
             piece=self._pieces.here,
             edge_scale=seen.edges.scale if seen else None,
+            edge_passes=seen.edges.passes if seen else 0,
         )

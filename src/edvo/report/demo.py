@@ -254,8 +254,10 @@ def picture_of(
         For `edvo.report.plots.draw_scenes`.
     """
     middle = sights[len(sights) // 2]
-    grey, scale = middle.frame.grey, middle.result.edge_scale
-    edges = extract_edges(grey, config.edges, scale=scale).describe(run.source.camera)
+    grey, result = middle.frame.grey, middle.result
+    edges = extract_edges(
+        grey, config.edges, scale=result.edge_scale, passes=result.edge_passes
+    ).describe(run.source.camera)
     return Scene(
         title=run.source.name,
         grey=grey,

@@ -91,7 +91,13 @@ def look(frame: Frame, result: TrackedFrame, camera: Camera, config: Config) -> 
         Without matches where the frame was not registered.
     """
     blind = find_rim(frame.grey, frame.depth) if config.edges.black_rim == "ignored" else None
-    image = extract_edges(frame.grey, config.edges, scale=result.edge_scale, blind=blind)
+    image = extract_edges(
+        frame.grey,
+        config.edges,
+        scale=result.edge_scale,
+        blind=blind,
+        passes=result.edge_passes,
+    )
     edges = image.describe(camera)
     samples = references = np.empty((0, 2), np.float32)
     residuals = np.empty(0)

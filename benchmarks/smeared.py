@@ -1,0 +1,67 @@
+"""Cameras whose images are smeared, by the way that they move while a row is exposed.
+
+    python -m benchmarks.smeared [--only office] [--docs]
+
+renders eight clips of three seconds, exposed for up to 25 ms a frame, and tracks each four times,
+from two first frames with two seeds: by the preset `default`, and with images blurred no more than
+usual (`edges.smear=none`). Printed is what `benchmarks.turning` prints. It takes a quarter of an
+hour, most of it to render.
+"""
+
+import argparse
+
+import cv2
+import numpy as np
+
+from benchmarks.frames import ROOT
+from benchmarks.report import document
+from benchmarks.section import table
+from benchmarks.turning import Clip, cell, render, score
+
+PAGE = ROOT / "docs" / "theory" / "images.md"
+MARK = "<!-- measured: written by python -m benchmarks.smeared --docs -->\n"
+FRAMES = 90
+RULES = {"default": (), "`edges.smear=none`": ("edges.smear=none",)}
+CLIPS = (
+    Clip("texture_near", 35, 71, 0.0, 0.025),
+    Clip("texture_far", 35, 72, 0.0, 0.02),
+    Clip("office", 40, 73, 0.02, 0.025),
+    Clip("cabinet", 30, 74, 0.0, 0.02),
+    Clip("notexture_far", 30, 75, 0.0, 0.02),
+    Clip("notexture_near", 35, 76, 0.02, 0.015),
+    Clip("stairs", 30, 77, 0.0, 0.02),
+    Clip("corridor", 35, 78, 0.0, 0.025),
+)
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--only", default="", help="names of scenes, joined by commas")
+    parser.add_argument("--docs", action="store_true", help="put the table into docs/ as well")
+    given = parser.parse_args()
+    cv2.setNumThreads(1)
+    rows, errors, counts = [], [], []
+    for clip in CLIPS:
+        if given.only and clip.scene not in given.only.split(","):
+            continue
+        recorded = render(clip, FRAMES)
+        measured = [score(recorded, rule) for rule in RULES.values()]
+        rolling = f", rows in {1e3 * clip.readout:.0f} ms" if clip.readout else ""
+        what = [f"`{clip.scene}`{rolling}", f"{clip.turn:.0f}", f"{1e3 * clip.exposure:.0f}"]
+        rows.append([*what, *map(cell, measured)])
+        errors.append([error for error, _, _ in measured])
+        counts.append([[wrong, lost] for _, wrong, lost in measured])
+        print(" | ".join(rows[-1]), flush=True)
+    means, sums = np.exp(np.log(errors).mean(axis=0)), np.sum(counts, axis=0)
+    last = [cell((mean, *both)) for mean, both in zip(means, sums.tolist(), strict=True)]
+    rows.append(["geometric mean, sums", "", "", *last])
+    header = ["rendered", "turned at, deg/s", "exposed, ms", *RULES]
+    measured_table = table(header, rows) + "\n"
+    print("\nRPE, mm/s; tracked but wrong, lost\n\n" + measured_table)
+    if given.docs:
+        document(PAGE.parent, measured_table, page=PAGE, mark=MARK)
+
+
+if __name__ == "__main__":
+    main()
