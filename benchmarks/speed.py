@@ -18,7 +18,9 @@ from edvo.config import PRESETS, Config
 from edvo.frame import Frame
 from edvo.odometry import Odometry
 
-MUST, STRETCH, TENTH = 3.5, 2.5, 0.1
+# Times the edge detector at most, by preset: what must be kept, and what is hoped for
+MUST = {"paper": {"": 3.5, " (stretch)": 2.5}, "default": {"": 5.0}}
+HITCH, TENTH = 2.0, 0.1  # one frame in a hundred over the median; track over cv2.Odometry
 Call = Callable[[Frame], object]
 
 
@@ -75,6 +77,7 @@ def against_detector(settings: Settings) -> tuple[str, list[Bound]]:
             each = np.median(track, axis=0) / np.median(detector, axis=0)
             runs = np.median(track / detector, axis=1)
             ratio = float(np.median(each))
+            hitch = float(np.median(np.percentile(track, 99, axis=1) / np.median(track, axis=1)))
             rows.append(
                 [
                     recording.name,
@@ -84,18 +87,22 @@ def against_detector(settings: Settings) -> tuple[str, list[Bound]]:
                     f"**{ratio:.2f}**",
                     f"{np.median(track) / np.median(detector):.2f}",
                     f"{np.percentile(each, 95):.2f}",
+                    f"{hitch:.2f}",
                     f"{runs.min():.2f}-{runs.max():.2f}",
                 ]
             )
-            if preset == "paper":
-                what = f"track / edge detector, {recording.name}"
-                bounds += [Bound(what, MUST, ratio), Bound(f"{what} (stretch)", STRETCH, ratio)]
+            what = f"{recording.name}, {preset}"
+            for hope, most in MUST[preset].items():
+                bounds.append(Bound(f"track / edge detector, {what}{hope}", most, ratio))
+            bounds.append(Bound(f"99th percentile / median of track, {what}", HITCH, hitch))
     header = ["sequence", "preset", "edge detector, ms", "track, ms", "median of the ratios"]
-    header += ["ratio of the medians", "95 % of frames below", f"spread over {repeats} runs"]
+    header += ["ratio of the medians", "95 % of frames below"]
+    header += ["99th percentile / median", f"spread over {repeats} runs"]
     return (
         "The edge detector is a 5x5 `cv2.GaussianBlur`, two 16-bit `cv2.Sobel` and `cv2.Canny` on "
         "their result, at the thresholds of the preset; grey conversion and undistortion are left "
-        "out of both. A ratio is that of one frame, each time the median over the runs.\n\n"
+        "out of both. A ratio is that of one frame, each time the median over the runs; the 99th "
+        "percentile is that of each run by itself, over its median, in the median of the runs.\n\n"
         + table(header, rows)
     ), bounds
 

@@ -64,7 +64,7 @@ class EdgesConfig(Section):
     smear: Literal["measured", "none"] = Field(
         default="measured",
         description="images whose edges are smeared, by motion while they are exposed or out of "
-        "focus, are blurred by more: measured from frame to frame, where edges lie on a vertex, or "
+        "focus, are blurred by more: measured from frame to frame (Canny's edges, on a vertex), or "
         "none is taken to be. Not in the paper",
     )
     black_rim: Literal["ignored", "kept"] = Field(

@@ -26,6 +26,7 @@ from edvo.sensor import DEPTH_NOISE
 from edvo.smear import Smear
 
 SEED_STRIDE = 1_000_003  # frames that seeds keep apart
+FEW = 300  # edges: an image that is blurred by more, and shows fewer, is not
 GATHERED = 6000  # edges that a keyframe is shown of another light: more would delay a frame
 
 
@@ -67,6 +68,8 @@ class FrontEnd:
         index: int,
         T_cam_depth: NDArray[np.float64] | None = None,
         detail: Detail | None = None,
+        *,
+        again: bool = False,
     ) -> Seen:
         """Find edges, draw some of them, and ask the depth image for planes.
 
@@ -81,11 +84,13 @@ class FrontEnd:
             be the same where not given.
         detail : Detail, optional
             How much is taken from it; the usual where not given.
+        again : bool, optional
+            Whether it was seen before: how smeared it is tells nothing new.
 
         Returns
         -------
         Seen
-            Its gradients last until the next frame is seen.
+            Its gradients last until the next frame is seen, or this one is to be kept.
         """
         config = self._config
         count, fine, near, faint = usual_detail(config) if detail is None else detail
@@ -98,18 +103,28 @@ class FrontEnd:
         with self._clock("sampling"):
             seed = config.seed * SEED_STRIDE + index
             samples = self._drawn(edges, frame, T_cam_depth, count, seed)
-            self._smear.note(edges, samples.profiles, frame.timestamp)
+            if not again:
+                self._smear.note(edges, samples.profiles, frame.timestamp)
         return Seen(frame, edges, samples, points, T_cam_depth, fine, near)
 
     def _edges(self, frame: Frame, *, faint: bool) -> EdgeImage:
-        """Find the edges of a frame, blurred as its keyframe is."""
+        """Find the edges of a frame, blurred by as much as those before it call for."""
+        found = self._edges_after(frame, self._smear.passes, faint=faint)
+        return self._as_usual(frame, faint=faint) if found.passes and len(found) < FEW else found
+
+    def _as_usual(self, frame: Frame, *, faint: bool) -> EdgeImage:
+        """Find the edges of a frame that shows too few where it is blurred by more."""
+        self._smear.forget()
+        return self._edges_after(frame, 0, faint=faint)
+
+    def _edges_after(self, frame: Frame, passes: int, *, faint: bool) -> EdgeImage:
         return extract_edges(
             frame.grey,
             self._config.edges,
             self._buffers,
             faint=faint,
             blind=self._blind,
-            passes=self._smear.passes,
+            passes=passes,
         )
 
     def to_keep(self, seen: Seen) -> tuple[Seen, int]:
@@ -128,12 +143,15 @@ class FrontEnd:
             How many of them, the first ones, do.
         """
         config, share = self._config.edges, self._config.keyframes.edge_scale
-        found, blurred_anew = seen.edges, self._smear.settle() != seen.edges.passes
-        if blurred_anew:  # only now: images that are blurred otherwise show other edges
-            found = self._edges(seen.frame, faint=found.is_faint)
+        found, faint = seen.edges, seen.edges.is_faint
+        if self._smear.settle() != found.passes:
+            found = self._edges(seen.frame, faint=faint)
         edges, telling = edges_to_keep(found, config, self._buffers, share)
+        if found.passes and telling < FEW:
+            found = self._as_usual(seen.frame, faint=faint)
+            edges, telling = edges_to_keep(found, config, self._buffers, share)
         samples = seen.samples
-        if blurred_anew or telling < len(found):  # some of these are of faint ones
+        if found is not seen.edges or telling < len(found):  # some of these are of faint ones
             first = replace(edges, index=edges.index[:telling])
             samples = self._drawn(first, seen.frame, seen.T_cam_depth, self._config.sampling.count)
         return replace(seen, edges=edges, samples=samples), telling

@@ -18,8 +18,8 @@ SOBEL_PX2 = 0.45  # variance that Sobel's operator and the pixels themselves giv
 SMEARED_PX2 = 0.6  # of what is added to that: by so much for each pass images are blurred by more
 PASSES = (0, 1, 2, 4)
 HOLLOW_PX2 = 0.4  # what a pass adds in the middle of a profile beyond its own: it skips pixels
-LASTING = 0.8  # of that by which a pass begins, down to which it goes on
-FAR = 2  # of `PASSES`: what is so far off is mended at once
+LASTING = 0.5  # of that by which a pass begins, down to which it goes on: texture tells less then
+FAR = 2  # of `PASSES`: what lacks so many is mended at once
 FLATTEST = 0.01  # px^-2, a bend of less than that is none
 MEMORY_S = 0.3  # that is averaged over
 ENOUGH = 50  # edges that tell
@@ -31,7 +31,8 @@ class Smear:
     Parameters
     ----------
     config : EdgesConfig
-        ``smear`` says whether it is measured, ``blur_px`` how wide sharp edges are.
+        ``smear`` says whether it is measured, ``blur_px`` how wide sharp edges are. By other
+        extractors than Canny, or at whole pixels, it is not.
 
     Attributes
     ----------
@@ -40,7 +41,7 @@ class Smear:
     """
 
     def __init__(self, config: EdgesConfig) -> None:
-        self._is_on = config.smear == "measured"
+        self._is_on = (config.smear, config.extractor) == ("measured", "canny")
         self._sharp = SOBEL_PX2 + kernel_variance(config.blur_px)
         self.forget()
 
@@ -68,13 +69,13 @@ class Smear:
         self._variance += share * (smeared - self._variance)
         self._last = timestamp
         wanted = self._wanted()
-        if abs(PASSES.index(wanted) - PASSES.index(self.passes)) >= FAR:
+        if PASSES.index(wanted) - PASSES.index(self.passes) >= FAR:
             self.passes = wanted
 
     def settle(self) -> int:
-        """Choose by how much images are blurred from a keyframe on.
+        """Choose by how much a keyframe is blurred, and those after it.
 
-        Until the next one they stay like it as far as may be: blurred otherwise, an image shows
+        Until the next one that is only raised, and only by much: blurred otherwise, an image shows
         other edges.
 
         Returns

@@ -69,7 +69,7 @@ class TrackedFrame:
         By which Canny's thresholds were multiplied, see ``edges.strong_share``; 1 for other
         extractors. None where no edges were looked for.
     edge_passes : int
-        By which the image was blurred more than usual, see ``edges.smear``.
+        Of a blur of 2 px^2 each, beyond the usual, before it was registered; see ``edges.smear``.
     """
 
     timestamp: float

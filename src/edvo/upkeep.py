@@ -259,7 +259,7 @@ class Upkeep:
         piece = self._pieces.here
         known = [T for number, T in self.store.places(piece) if number < good.index]
         if is_apart(good.T_world_cam, known):
-            seen = self._front_end.see(good.frame, index)
+            seen = self._front_end.see(good.frame, index, again=True)
             with self._clock("keyframe"):
                 self.store.add(self._front_end.keyframe(seen, good.index, good.T_world_cam, piece))
 

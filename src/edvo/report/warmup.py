@@ -75,8 +75,9 @@ def warm_up(config: Config) -> None:
     buffers = EdgeBuffers(height, width)
     faint = replace(extract_edges(grey, config.edges, buffers), scale=0.7, scales=Scales(1.0, 0.5))
     edges_to_keep(faint, config.edges, buffers, 1.0)
-    # and images that are smeared
-    extract_edges(grey, config.edges, buffers, passes=1)
+    # and images that are smeared: those of frames, which nobody may write to, and noisy ones
+    for image in (frame.grey, grey):
+        extract_edges(image, config.edges, buffers, passes=1)
     # and what a number of the camera would move
     taken_by_pose(np.eye(6), np.zeros(6))
     # and a lamp that moves, whose edges a keyframe gathers
