@@ -18,7 +18,8 @@ from edvo.synthesis.sequence import SyntheticSource, make_recipe
 
 from . import problems
 
-CONFIG = EdgesConfig()
+CONFIG = EdgesConfig(smear="measured")
+MEASURED = Config().with_overrides(["edges.smear=measured"])
 CAMERA = Camera(width=320, height=240, fx=260, fy=260, cx=159.5, cy=119.5)
 
 
@@ -132,17 +133,17 @@ def test_few_edges_tell_nothing():
 
 
 def test_nothing_is_measured_of_others_edges_or_where_it_is_not_wanted():
-    others = (EdgesConfig(extractor="dog"), EdgesConfig(extractor="sobel"))
-    for config in (EdgesConfig(smear="none"), Config.preset("paper").edges, *others):
+    others = [EdgesConfig(smear="measured", extractor=name) for name in ("dog", "sobel")]
+    at_pixels = EdgesConfig(smear="measured", position="pixel")
+    for config in (EdgesConfig(), Config.preset("paper").edges, at_pixels, *others):
         smear = Smear(config)
         smear.note(*profiles(bars(2.2), config=config), 0.0)
         assert smear.settle() == 0
-    assert Config.preset("paper").edges.smear == "none"
 
 
 @pytest.mark.parametrize("blur_px", [0, 3, 9])
 def test_a_blur_of_another_size_is_taken_off(blur_px):
-    config = EdgesConfig(blur_px=blur_px)
+    config = EdgesConfig(smear="measured", blur_px=blur_px)
     for sigma, passes in ((0.0, 0), (1.3, 2)):
         smear = Smear(config)
         smear.note(*profiles(bars(sigma), config=config), 0.0)
@@ -166,7 +167,7 @@ def still(grey):
 
 @pytest.mark.parametrize("sigma", [1.2, 1.4])
 def test_what_shows_hardly_any_edges_is_blurred_as_usual(sigma):
-    odometry = Odometry(CAMERA)
+    odometry = Odometry(CAMERA, MEASURED)
     grey = bars(sigma, noise=0.5, contrast=10.0)
     shown = len(extract_edges(grey, CONFIG))
     blurred = len(extract_edges(grey, CONFIG, passes=4))
@@ -176,7 +177,7 @@ def test_what_shows_hardly_any_edges_is_blurred_as_usual(sigma):
 
 
 def test_a_camera_that_comes_to_faint_edges_is_not_lost_for_its_blur():
-    odometry = Odometry(CAMERA)
+    odometry = Odometry(CAMERA, MEASURED)
     images = [bars(2.2)] * 3 + [bars(0.0, noise=0.5, contrast=12.0)] * 4
     results = []
     for k, grey in enumerate(images):
@@ -227,21 +228,21 @@ def follow(shaken, *overrides):
 
 
 def test_a_camera_whose_images_are_smeared_is_followed_without_doubt(shaken):
-    results, error = follow(shaken)
+    results, error = follow(shaken, "edges.smear=measured")
     assert all(result.status is Status.TRACKED for result in results)
     assert min(result.edge_passes for result in results[1:]) > 0
     assert error < 0.005
 
 
 def test_as_it_is_such_a_camera_is_in_doubt(shaken):
-    results, _ = follow(shaken, "edges.smear=none")
+    results, _ = follow(shaken)
     assert {result.edge_passes for result in results} == {0}
     assert sum(result.status is not Status.TRACKED for result in results) > 10
 
 
 def test_the_first_keyframe_is_blurred_as_those_after_it(shaken):
     source, frames = shaken
-    odometry = Odometry(source.camera)
+    odometry = Odometry(source.camera, MEASURED)
     odometry.track(frames[0])
     key = odometry._course.key
     passes = odometry._front_end._smear.passes

@@ -61,11 +61,11 @@ class EdgesConfig(Section):
         "gradients are as quiet as those of one with so much (with a blur_px of 5); 0 leaves "
         "images as they are. Not in the paper",
     )
-    smear: Literal["measured", "none"] = Field(
-        default="measured",
-        description="images whose edges are smeared, by motion while they are exposed or out of "
-        "focus, are blurred by more: measured from frame to frame (Canny's edges, on a vertex), or "
-        "none is taken to be. Not in the paper",
+    smear: Literal["none", "measured"] = Field(
+        default="none",
+        description="measured: images whose edges are smeared, by motion while they are exposed or "
+        "out of focus, are blurred by more, as far as that shows from frame to frame (in Canny's "
+        "edges, on a vertex). Not in the paper",
     )
     black_rim: Literal["ignored", "kept"] = Field(
         default="ignored",
@@ -739,7 +739,6 @@ PRESETS: dict[str, dict[str, Any]] = {
             "position": "pixel",
             "grey_steps": 1,
             "max_noise": 0.0,
-            "smear": "none",
             "black_rim": "kept",
             "depth_rule": "window",
         },

@@ -38,7 +38,6 @@ VARIANTS = (
     Variant("images: noisy ones as they are", ("edges.max_noise=0",)),
     Variant("images: noisy ones blurred by more", ("edges.max_noise=2.5",)),
     Variant("images: compressed ones as they are", ("edges.max_blockiness=1e9",)),
-    Variant("images: smeared ones blurred as usual", ("edges.smear=none",)),
     Variant("images: smeared ones blurred by more", ("edges.smear=measured",)),
     Variant("images: black rims kept", ("edges.black_rim=kept",)),
     Variant("images: black rims ignored", ("edges.black_rim=ignored",)),
