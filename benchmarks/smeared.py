@@ -11,12 +11,10 @@ takes a quarter of an hour, most of it to render.
 import argparse
 
 import cv2
-import numpy as np
 
 from benchmarks.frames import ROOT
 from benchmarks.report import document
-from benchmarks.section import table
-from benchmarks.turning import Clip, cell, render, score
+from benchmarks.turning import Clip, tabulate
 
 PAGE = ROOT / "docs" / "theory" / "smear.md"
 MARK = "<!-- measured: written by python -m benchmarks.smeared --docs -->\n"
@@ -41,26 +39,9 @@ def main() -> None:
     parser.add_argument("--docs", action="store_true", help="put the table into docs/ as well")
     given = parser.parse_args()
     cv2.setNumThreads(1)
-    rows, errors, counts = [], [], []
-    for clip in CLIPS:
-        if given.only and clip.scene not in given.only.split(","):
-            continue
-        recorded = render(clip, FRAMES)
-        measured = [score(recorded, rule) for rule in RULES.values()]
-        rolling = f", rows in {1e3 * clip.readout:.0f} ms" if clip.readout else ""
-        what = [f"`{clip.scene}`{rolling}", f"{clip.turn:.0f}", f"{1e3 * clip.exposure:.0f}"]
-        rows.append([*what, *map(cell, measured)])
-        errors.append([error for error, _, _ in measured])
-        counts.append([[wrong, lost] for _, wrong, lost in measured])
-        print(" | ".join(rows[-1]), flush=True)
-    means, sums = np.exp(np.log(errors).mean(axis=0)), np.sum(counts, axis=0)
-    last = [cell((mean, *both)) for mean, both in zip(means, sums.tolist(), strict=True)]
-    rows.append(["geometric mean, sums", "", "", *last])
-    header = ["rendered", "turned at, deg/s", "exposed, ms", *RULES]
-    measured_table = table(header, rows) + "\n"
-    print("\nRPE, mm/s; tracked but wrong, lost\n\n" + measured_table)
+    measured = tabulate(CLIPS, RULES, given.only, FRAMES)
     if given.docs:
-        document(PAGE.parent, measured_table, page=PAGE, mark=MARK)
+        document(PAGE.parent, measured, page=PAGE, mark=MARK)
 
 
 if __name__ == "__main__":

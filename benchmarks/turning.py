@@ -10,6 +10,7 @@ the last second, or were lost.
 """
 
 import argparse
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -126,24 +127,52 @@ def main() -> None:
     parser.add_argument("--docs", action="store_true", help="put the table into docs/ as well")
     given = parser.parse_args()
     cv2.setNumThreads(1)
+    measured = tabulate(CLIPS, RULES, given.only)
+    if given.docs:
+        document(PAGE.parent, measured, page=PAGE, mark=MARK)
+
+
+def tabulate(
+    clips: Sequence[Clip], rules: Mapping[str, tuple[str, ...]], only: str, count: int = FRAMES
+) -> str:
+    """Render clips, track them by each rule, and print what came out.
+
+    Parameters
+    ----------
+    clips : sequence of Clip
+    rules : mapping of str to tuple of str
+        Overrides of the preset `default`, by their names.
+    only : str
+        Names of the scenes that are wanted, joined by commas; empty for all.
+    count : int, optional
+        Frames of a clip.
+
+    Returns
+    -------
+    str
+        The table: of errors, mm/s, frames tracked but wrong, and lost.
+    """
+    exposed = any(clip.exposure for clip in clips)
     rows, errors, counts = [], [], []
-    for clip in CLIPS:
-        if given.only and clip.scene not in given.only.split(","):
+    for clip in clips:
+        if only and clip.scene not in only.split(","):
             continue
-        recorded = render(clip)
-        measured = [score(recorded, rule) for rule in RULES.values()]
+        recorded = render(clip, count)
+        measured = [score(recorded, rule) for rule in rules.values()]
         rolling = f", rows in {1e3 * clip.readout:.0f} ms" if clip.readout else ""
-        rows.append([f"`{clip.scene}`{rolling}", f"{clip.turn:.0f}", *map(cell, measured)])
+        what = [f"`{clip.scene}`{rolling}", f"{clip.turn:.0f}"]
+        what += [f"{1e3 * clip.exposure:.0f}"] * exposed
+        rows.append([*what, *map(cell, measured)])
         errors.append([error for error, _, _ in measured])
         counts.append([[wrong, lost] for _, wrong, lost in measured])
         print(" | ".join(rows[-1]), flush=True)
     means, sums = np.exp(np.log(errors).mean(axis=0)), np.sum(counts, axis=0)
     last = [cell((mean, *both)) for mean, both in zip(means, sums.tolist(), strict=True)]
-    rows.append(["geometric mean, sums", "", *last])
-    measured_table = table(["rendered", "turned at, deg/s", *RULES], rows) + "\n"
+    rows.append(["geometric mean, sums", "", *[""] * exposed, *last])
+    header = ["rendered", "turned at, deg/s", *["exposed, ms"] * exposed, *rules]
+    measured_table = table(header, rows) + "\n"
     print("\nRPE, mm/s; tracked but wrong, lost\n\n" + measured_table)
-    if given.docs:
-        document(PAGE.parent, measured_table, page=PAGE, mark=MARK)
+    return measured_table
 
 
 def render(clip: Clip, count: int = FRAMES) -> Recorded:

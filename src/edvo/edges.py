@@ -275,7 +275,7 @@ def extract_edges(
     blind : ndarray of bool, shape (H, W), optional
         Where no edges are taken.
     passes : int, optional
-        Of a blur of 2 px^2 each, beyond the usual one.
+        Of a blur of 2 px^2 each, beyond the usual one, before gradients are taken.
 
     Returns
     -------
@@ -428,7 +428,7 @@ def slopes(
     blind : ndarray of bool, shape (H, W), optional
         Where they are 0.
     passes : int, optional
-        Of a blur beyond that; the default is none.
+        Of a blur of 2 px^2 each, beyond that; the default is none.
     """
     steps = config.grey_steps
     if config.blur_px == BINOMIAL_PX and min(grey.shape) > 2:

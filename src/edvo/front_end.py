@@ -118,6 +118,7 @@ class FrontEnd:
         return self._edges_after(frame, 0, faint=faint)
 
     def _edges_after(self, frame: Frame, passes: int, *, faint: bool) -> EdgeImage:
+        """Find the edges of a frame after so many passes of a blur beyond the usual."""
         return extract_edges(
             frame.grey,
             self._config.edges,
