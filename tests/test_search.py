@@ -13,8 +13,8 @@ from edvo.edges import extract_edges
 from edvo.frame import Frame
 from edvo.locating import NOT_ALONE
 from edvo.odometry import Odometry, Status
+from edvo.places import Found, Place
 from edvo.sampling import sample_edges
-from edvo.search import Found, _Place
 from edvo.seen import Seen
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
 from edvo.trajectory import Trajectory
@@ -303,7 +303,7 @@ def test_of_edges_only_those_in_view_have_to_be_explained(began):
     odometry, _, _ = began
     key, search = odometry._course.keyframe, odometry._search
     same = search._register(key, key.samples, key.points, np.eye(4))
-    assert search._explained(same, key.samples, key.edges) > 0.99
+    assert search._hunter._explained(same, key.samples, key.edges) > 0.99
     half = se3.exp(np.array([0.0, 0.0, 0.0, 0.0, np.radians(25.0), 0.0]))  # half a view aside
     residuals = np.zeros(len(key.samples))
     camera = odometry.camera
@@ -311,12 +311,12 @@ def test_of_edges_only_those_in_view_have_to_be_explained(began):
     u = camera.fx * points[:, 0] / points[:, 2] + camera.cx
     residuals[u >= camera.width - 1] = 9.0
     aside = replace(same, T_ref_cur=half, residuals=residuals)
-    assert np.isclose(search._explained(aside, key.samples, key.edges), 1.0)
+    assert np.isclose(search._hunter._explained(aside, key.samples, key.edges), 1.0)
     worse = replace(aside, residuals=residuals + 9.0)
-    assert search._explained(worse, key.samples, key.edges) == 0.0
+    assert search._hunter._explained(worse, key.samples, key.edges) == 0.0
     dark = replace(key.samples, gradients=-key.samples.gradients)  # turned round: another's
-    assert search._explained(aside, dark, key.edges) == 0.0
-    assert np.isclose(search._explained(aside, dark), 1.0)
+    assert search._hunter._explained(aside, dark, key.edges) == 0.0
+    assert np.isclose(search._hunter._explained(aside, dark), 1.0)
 
 
 @pytest.mark.parametrize(("worth", "is_found"), [(0.9, False), (0.3, True)])
@@ -327,15 +327,15 @@ def test_of_two_places_that_fit_neither_is_taken(began, monkeypatch, worth, is_f
     found = search._register(key, seen.samples, seen.points, truth)
     elsewhere = truth.copy()
     elsewhere[0, 3] += 1.0
-    away, hunt = replace(found, T_ref_cur=elsewhere), search._hunt(seen, [np.eye(4)], 1.0)
+    away, hunt = replace(found, T_ref_cur=elsewhere), search._hunter.hunt(seen, [np.eye(4)], 1.0)
     places = [
-        _Place(1.0, truth, key, found, 0.8, True, hunt, False),
-        _Place(worth, elsewhere, key, away, 0.8, True, hunt, False),
+        Place(1.0, truth, key, found, 0.8, True, hunt, False),
+        Place(worth, elsewhere, key, away, 0.8, True, hunt, False),
     ]
     monkeypatch.setattr(search, "_glance", lambda *given: [])
-    monkeypatch.setattr(search, "_promising", lambda *given: [])
+    monkeypatch.setattr(search._hunter, "promising", lambda *given: [])
     looked = iter([places[:1], places[1:]])  # the second one is found beside the first
-    monkeypatch.setattr(search, "_look_closely", lambda *given: next(looked))
+    monkeypatch.setattr(search._hunter, "look_closely", lambda *given: next(looked))
     result = search.everywhere(odometry._upkeep.store, key, seen, [np.eye(4)], 1.0)
     assert (result is not None) == is_found
     assert len(search._rivals) == (0 if is_found else 2)

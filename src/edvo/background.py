@@ -21,9 +21,9 @@ from edvo.edges import EdgePixels
 from edvo.frame import Frame
 from edvo.keyframes import Keyframe
 from edvo.matching import Criterion
+from edvo.places import is_apart
 from edvo.planes import PlaneFitter, PlaneMap, camera_of
 from edvo.registration import Alignment, Registration
-from edvo.search import is_apart
 from edvo.seen import Seen
 
 YOUNG_S = 0.09  # in less hardly anything has moved by more than its noise

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from edvo import kernels, se3
 from edvo.course import FASTEST_M_S, LONGEST_PREDICTION_S, Course
 from edvo.doubt import STEPPED, Doubt
+from edvo.hunting import STRIDE
 from edvo.kit import Kit
 from edvo.planes import DepthTerm, thinned
 from edvo.registration import AT_ONCE, Alignment
 from edvo.scatter import clarity, is_clearer, is_sharper
-from edvo.search import STRIDE
 from edvo.seen import Seen
 from edvo.status import SURE, Status, agreement, speed_of
 

@@ -31,10 +31,11 @@ from edvo.instants import Instants
 from edvo.kit import Kit
 from edvo.locating import Locator
 from edvo.pieces import Pieces
+from edvo.places import Found
 from edvo.planes import DepthTerm, PlaneFitter, PlaneMap, PlanePoints
 from edvo.recovery import Recovery
 from edvo.registration import Alignment, Registration
-from edvo.search import Found, Search
+from edvo.search import Search
 from edvo.seen import Seen
 from edvo.sharing import SharedErrors
 from edvo.stale import StaleDepth

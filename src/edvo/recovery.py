@@ -14,8 +14,8 @@ from edvo.course import (
 from edvo.doubt import ASTRAY, Doubt
 from edvo.kit import Kit
 from edvo.pieces import Pieces
+from edvo.places import Found
 from edvo.registration import Alignment
-from edvo.search import Found
 from edvo.seen import Seen
 from edvo.standing import Standing
 from edvo.status import Status

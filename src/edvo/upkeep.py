@@ -22,8 +22,8 @@ from edvo.keyframes import Keyframe, KeyframeStore, is_due
 from edvo.kit import Kit
 from edvo.last_good import LastGood
 from edvo.pieces import Pieces
+from edvo.places import is_apart
 from edvo.planes import PlaneMap
-from edvo.search import is_apart
 from edvo.seen import Seen
 from edvo.window import KeyframeWindow
 
