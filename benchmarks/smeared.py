@@ -3,9 +3,9 @@
     python -m benchmarks.smeared [--only office] [--docs]
 
 renders eight clips of three seconds, exposed for up to 25 ms a frame, and tracks each four times,
-from two first frames with two seeds: with smeared images blurred by more (`edges.smear=measured`),
-and by the preset `default`, which blurs all alike. Printed is what `benchmarks.turning` prints. It
-takes a quarter of an hour, most of it to render.
+from two first frames with two seeds: by the preset `default`, which measures the exposure; as if
+each image were taken in an instant; and with smeared images blurred by more. Printed is what
+`benchmarks.turning` prints. It takes a quarter of an hour, most of it to render.
 """
 
 import argparse
@@ -19,7 +19,11 @@ from benchmarks.turning import Clip, tabulate
 PAGE = ROOT / "docs" / "theory" / "smear.md"
 MARK = "<!-- measured: written by python -m benchmarks.smeared --docs -->\n"
 FRAMES = 90
-RULES = {"`edges.smear=measured`": ("edges.smear=measured",), "default": ()}
+RULES = {
+    "default": (),
+    "`motion.exposure=none`": ("motion.exposure=none",),
+    "`edges.smear=measured`": ("edges.smear=measured",),
+}
 CLIPS = (
     Clip("texture_near", 35, 71, 0.0, 0.025),
     Clip("texture_far", 35, 72, 0.0, 0.02),

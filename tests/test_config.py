@@ -204,9 +204,14 @@ def test_what_cannot_be_written(tmp_path):
         Config().to_yaml(tmp_path / "missing" / "config.yaml")
 
 
-@pytest.mark.parametrize("given", [["motion.readout=known"], ["motion.readout_s=0.02"]])
-def test_a_readout_that_is_known_is_said(given):
-    with pytest.raises(ConfigError, match=r"motion\.readout_s = .*: known .* give both"):
-        Config().with_overrides(given)
+@pytest.mark.parametrize("name", ["readout", "exposure"])
+def test_a_readout_or_exposure_that_is_known_is_said(name):
+    for given in ([f"motion.{name}=known"], [f"motion.{name}_s=0.02"]):
+        with pytest.raises(ConfigError, match=rf"motion\.{name}_s = .*{name}: known .* give both"):
+            Config().with_overrides(given)
+    known = Config().with_overrides(["motion.exposure=known", "motion.exposure_s=0.02"])
+    assert known.motion.exposure_s == 0.02
+    with pytest.raises(ConfigError, match=r"motion\.exposure_s"):
+        Config().with_overrides(["motion.exposure=known", "motion.exposure_s=-0.02"])
     known = Config().with_overrides(["motion.readout=known", "motion.readout_s=-0.02"])
     assert known.motion.readout_s == -0.02

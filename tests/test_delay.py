@@ -188,10 +188,10 @@ def test_depth_lags_by_a_share_of_the_motion():
     T = T_last @ se3.exp(step)
     assert kernels.lagged(T, AT_ONCE) is T
     for share in (-1.0, -0.4, 0.5):
-        lag = kernels.Lag(share, T_last, np.eye(4), AT_ONCE.rows)
+        lag = AT_ONCE._replace(share=share, T_ref_last=T_last)
         np.testing.assert_allclose(kernels.lagged(T, lag), T_last @ se3.exp((1 + share) * step))
         expected = se3.exp([0.0, 0.01, 0.0, 0.0, 0.02, 0.0])  # what points were moved by
-        moved = kernels.lagged(T, kernels.Lag(share, T_last, se3.inverse(expected), AT_ONCE.rows))
+        moved = kernels.lagged(T, lag._replace(T_depth_cam=se3.inverse(expected)))
         np.testing.assert_allclose(moved @ expected, kernels.lagged(T, lag), atol=1e-12)
 
 
@@ -223,7 +223,7 @@ def test_a_registration_finds_the_pose_of_the_image_not_of_the_depth():
         return problems.error(se3.exp(step), found.T_ref_cur)[0]
 
     assert error(AT_ONCE) > 0.008
-    assert error(kernels.Lag(-0.5, np.eye(4), np.eye(4), AT_ONCE.rows)) < 0.001
+    assert error(AT_ONCE._replace(share=-0.5)) < 0.001
 
 
 def seen(delay=0.0):

@@ -11,6 +11,7 @@ from edvo.clock import no_clock
 from edvo.config import Config, KeyframesConfig
 from edvo.doubt import CHANGED
 from edvo.edges import EdgePixels
+from edvo.exposure import Exposure
 from edvo.front_end import FrontEnd
 from edvo.gathering import carried, gather, may_gather, unknown
 from edvo.instants import Instants
@@ -112,7 +113,10 @@ class Scene:
     def __init__(self):
         self.registration = Registration(CAMERA, CONFIG.matching, CONFIG.registration)
         fitter = PlaneFitter(CAMERA, CONFIG.planes)
-        self.front_end = FrontEnd(CAMERA, CONFIG, self.registration, fitter, no_clock)
+        self.exposure = Exposure(CAMERA, CONFIG)
+        self.front_end = FrontEnd(
+            CAMERA, CONFIG, self.registration, fitter, no_clock, self.exposure
+        )
         seen = self.front_end.see(problems.render(np.eye(4)), 0)
         self.keyframe = self.front_end.keyframe(seen, 0, np.eye(4), 0)
         self.known = self.front_end.edges_with_depth(seen)
@@ -314,7 +318,8 @@ def test_a_view_that_changes_at_once_is_in_doubt_though_the_keyframe_stays():
 
 def test_a_keyframe_whose_edges_are_moved_forgets_what_it_gathered(scene):
     more = scene.gather(scene.keyframe, scene.lit, scene.T)
-    instants = Instants(CAMERA, CONFIG, scene.registration, PlaneFitter(CAMERA, CONFIG.planes))
+    fitter = PlaneFitter(CAMERA, CONFIG.planes)
+    instants = Instants(CAMERA, CONFIG, scene.registration, fitter, scene.exposure)
     seen = scene.front_end.see(problems.render(np.eye(4)), 0)
     velocity = np.array([0.4, -0.3, 0.5, 0.3, -0.5, 0.4])
     instants.hold(scene.keyframe, seen, seen.edges.describe(CAMERA), velocity)
@@ -327,7 +332,8 @@ def test_a_keyframe_whose_edges_are_moved_forgets_what_it_gathered(scene):
 
 
 def test_only_the_keyframe_that_is_held_is_exchanged(scene):
-    instants = Instants(CAMERA, CONFIG, scene.registration, PlaneFitter(CAMERA, CONFIG.planes))
+    fitter = PlaneFitter(CAMERA, CONFIG.planes)
+    instants = Instants(CAMERA, CONFIG, scene.registration, fitter, scene.exposure)
     instants.exchange(scene.keyframe, scene.keyframe)  # none is
     seen = scene.front_end.see(problems.render(np.eye(4)), 0)
     instants.hold(scene.keyframe, seen, seen.edges.describe(CAMERA), None)

@@ -10,6 +10,7 @@ from edvo import se3
 from edvo.clock import no_clock
 from edvo.config import Config
 from edvo.edges import depth_at_edges
+from edvo.exposure import Exposure
 from edvo.front_end import FrontEnd
 from edvo.instants import HASTY_S, KNOWN_S, NEWS_SHARE, ROUGH_PX, SELDOM, TELLING_S, Instants
 from edvo.measuring import Measured
@@ -42,8 +43,9 @@ class Problem:
     def __init__(self):
         registration = Registration(CAMERA, CONFIG.matching, CONFIG.registration)
         self.fitter = PlaneFitter(CAMERA, CONFIG.planes)
-        self.instants = Instants(CAMERA, CONFIG, registration, self.fitter)
-        front_end = FrontEnd(CAMERA, CONFIG, registration, self.fitter, no_clock)
+        exposure = Exposure(CAMERA, CONFIG)
+        self.instants = Instants(CAMERA, CONFIG, registration, self.fitter, exposure)
+        front_end = FrontEnd(CAMERA, CONFIG, registration, self.fitter, no_clock, exposure)
         self.frame = problems.sequence()[0][0]
         self.seen = front_end.see(self.frame, 0)
         self.edges = self.seen.edges.describe(CAMERA)
@@ -177,9 +179,10 @@ def test_rows_that_are_read_from_either_end_matter(problem, readout):
 
 def test_a_registration_is_told_of_both(problem):
     T_last = se3.exp(VELOCITY)
-    assert problem.instants.lag(problem.seen, T_last, PERIOD) is AT_ONCE
+    given = problem.seen, problem.keyframe, T_last, PERIOD, VELOCITY
+    assert problem.instants.lag(*given) is AT_ONCE
     know(problem.instants, delay=0.0)
-    rows = problem.instants.lag(problem.seen, T_last, PERIOD)
+    rows = problem.instants.lag(*given)
     assert rows.share == 0.0
     assert rows.T_ref_last is T_last
     np.testing.assert_allclose(
@@ -187,12 +190,78 @@ def test_a_registration_is_told_of_both(problem):
     )
     problem.instants.forget()
     know(problem.instants)
-    both = problem.instants.lag(problem.seen, T_last, PERIOD)
+    both = problem.instants.lag(*given)
     assert both.share == pytest.approx(DELAY / PERIOD, rel=1e-5)
     assert both.rows.size == len(problem.seen.samples)
 
 
+@pytest.mark.parametrize("delay", [0.0, DELAY])
+def test_a_registration_is_told_which_edges_are_smeared(problem, delay):
+    instants, seen, keyframe, T_last = problem.instants, problem.seen, problem.keyframe, np.eye(4)
+    know(instants, delay=delay, readout=0.0)
+    instants.exposure.seconds = 0.02
+    alone = instants.lag(seen, keyframe, T_last, PERIOD, VELOCITY)
+    assert (alone.share != 0) == (delay != 0)
+    assert not alone.rows.size
+    wanted = instants.exposure.sharpness(seen.samples, VELOCITY)
+    np.testing.assert_array_equal(alone.sharp, wanted)
+    assert wanted.min() < 0.8
+    problem.hold()  # how fast it went is not known
+    np.testing.assert_array_equal(
+        instants.lag(seen, keyframe, T_last, PERIOD, VELOCITY).sharp, wanted
+    )
+    problem.hold(-2 * VELOCITY)
+    both = instants.lag(seen, keyframe, T_last, PERIOD, VELOCITY).sharp
+    assert (both < wanted).mean() > 0.9
+    other = replace(keyframe, index=8)
+    np.testing.assert_array_equal(instants.lag(seen, other, T_last, PERIOD, VELOCITY).sharp, wanted)
+
+
 # ------------------------------------------------------------------------------------- odometry
+
+
+class Learning:
+    """In the place of an exposure: the velocities of keyframes that it was told of."""
+
+    def __init__(self):
+        self.is_on, self.told = True, []
+        self.estimate = SimpleNamespace(wanted=True)
+
+    def forget(self):
+        self.told.clear()
+
+    def learn(self, moment, key_velocity):
+        self.told.append(key_velocity)
+
+
+def test_an_exposure_is_learned_of_keyframes_whose_velocity_is_known(problem):
+    instants, key = problem.instants, problem.keyframe
+    instants.exposure = exposure = Learning()
+    know(instants, delay=0.0, readout=0.0)
+
+    def three_frames(keyframe):
+        instants.interrupt()
+        for k in (1, 2, 3):
+            frame = replace(problem.frame, timestamp=k * PERIOD)
+            seen = replace(problem.seen, frame=frame)
+            alignment = SimpleNamespace(T_ref_cur=se3.exp(k * PERIOD * VELOCITY))
+            instants._count = 0  # nothing else is learned of these
+            instants.note(keyframe, seen, alignment, PERIOD)
+        told = list(exposure.told)
+        exposure.forget()
+        return told
+
+    assert not three_frames(key)  # none is held
+    problem.hold()
+    assert not three_frames(key)  # how fast it went is not known
+    problem.hold(VELOCITY)
+    told = three_frames(key)
+    assert told
+    assert all(velocity is VELOCITY for velocity in told)
+    assert not three_frames(replace(key, index=3))  # an earlier one
+    more = replace(key, gathered=5)
+    instants.exchange(key, more)
+    assert len(three_frames(more)) == len(told)
 
 
 def test_a_lost_frame_interrupts():

@@ -19,7 +19,7 @@ from edvo.config import EdgesConfig, MatchingConfig, RegistrationConfig
 from edvo.edges import EdgePixels, extract_edges
 from edvo.matching import Criterion, EdgeIndex
 from edvo.planes import camera_of
-from edvo.registration import COARSE_POINTS, NOTHING_NEAR, Registration
+from edvo.registration import AT_ONCE, COARSE_POINTS, NOTHING_NEAR, Registration
 
 from . import problems, twins
 
@@ -732,7 +732,7 @@ def test_trust_in_matches(seed, n):
     np.testing.assert_allclose(change.per, 1 / wide, rtol=1e-5)
     np.testing.assert_allclose(change.norm, norm, rtol=1e-5)
     given = residuals.copy()
-    kernels.trust_matches(order, known, *seen, change, matches, residuals)
+    kernels.trust_matches(order, known, *seen, change, AT_ONCE.sharp, matches, residuals)
     trust = twins.trust(known, *seen, index, middle, wide, norm)
     matched = index >= 0
     count = np.count_nonzero(matched)
@@ -743,7 +743,7 @@ def test_trust_in_matches(seed, n):
     # one that stays is not asked for again, and one that changes is
     matches.edge[:] = np.where(rng.random(n) < 0.5, matches.edge, rng.integers(300, size=n))
     index = order[matches.edge]
-    kernels.trust_matches(order, known, *seen, change, matches, residuals)
+    kernels.trust_matches(order, known, *seen, change, AT_ONCE.sharp, matches, residuals)
     again = twins.trust(known, *seen, index, middle, wide, norm)
     now = matches.edge >= 0
     np.testing.assert_allclose(matches.trust[now], again[now], rtol=1e-6)
@@ -760,7 +760,8 @@ def test_where_nothing_matches_there_is_no_usual_change():
 @pytest.mark.parametrize("weight", ["t", "huber", "tukey"])
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize(("max_sigma", "spread"), [(np.inf, 0), (0.5, 0), (np.inf, 1), (0.5, 3)])
-def test_align(seed, weight, max_sigma, spread):
+@pytest.mark.parametrize("smeared", [False, True])
+def test_align(seed, weight, max_sigma, spread, smeared):
     rng = np.random.default_rng(seed)
     problem = problems.segments_problem(seed, problems.motion(rng, 0.05, 2.0), outliers=0.1)
     with_profiles(problem, rng)
@@ -769,9 +770,13 @@ def test_align(seed, weight, max_sigma, spread):
     registration = Registration(problem.camera, matching, config)
     index = registration.index(problem.reference)
     limits = (problem.camera.width, matching.max_distance_px, matching.max_angle_deg)
+    counts = rng.uniform(0.2, 1, len(problem.samples)) if smeared else np.ones(len(problem.samples))
+    lag = AT_ONCE._replace(sharp=counts) if smeared else AT_ONCE
     alignment, (T, iterations, seen) = both(
         "align",
-        lambda: registration.align(index, problem.samples, np.eye(4)[None], max_sigma_px=max_sigma),
+        lambda: registration.align(
+            index, problem.samples, np.eye(4)[None], lag=lag, max_sigma_px=max_sigma
+        ),
         lambda: twins.align(
             problem.reference,
             problem.samples.points(problem.camera),
@@ -782,6 +787,7 @@ def test_align(seed, weight, max_sigma, spread):
             Criterion(0.0, *limits).compile(),
             solver(config, max_sigma=max_sigma),
             problem.samples.profiles,
+            counts,
         ),
     )
     np.testing.assert_allclose(alignment.T_ref_cur, T, atol=1e-6)

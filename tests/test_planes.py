@@ -316,7 +316,7 @@ def test_before_one_wall_points_that_keep_their_planes_end_where_others_do(seed,
         np.tile(normal, (rows * cols, 1)), np.full(rows * cols, offset), rows, cols, 8.0
     )
     T_last = T @ se3.exp(rng.normal(0, 0.01, 6))
-    lag = kernels.Lag(share, T_last, np.eye(4), np.empty(0))
+    lag = AT_ONCE._replace(share=share, T_ref_last=T_last)
     T_cur_ref = se3.inverse(kernels.lagged(T, lag))
     pixels = rng.uniform([150, 150], [490, 330], (400, 2))
     rays = problem.camera.backproject(pixels, np.ones(400))

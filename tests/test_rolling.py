@@ -64,7 +64,7 @@ def test_moving_samples_equals_its_numpy_twin():
 
     def moved_by(step):
         moved = np.empty_like(points)
-        lag = kernels.Lag(0.0, T_last, np.eye(4), rows)
+        lag = AT_ONCE._replace(T_ref_last=T_last, rows=rows)
         kernels.unroll_points(points, T_last @ se3.exp(step), lag, moved)
         np.testing.assert_allclose(moved, twins.roll(points, rows, step), atol=1e-9)
         whole = [se3.exp(s * step) for s in rows]
@@ -205,7 +205,7 @@ def test_a_registration_finds_the_pose_of_the_middle_row():
             return problems.error(problem.T_ref_cur, found.T_ref_cur)
 
         rows = shutter(READOUT).rows(seen.pixels) / PERIOD
-        metres, degrees = error(kernels.Lag(0.0, T_last, np.eye(4), rows))
+        metres, degrees = error(AT_ONCE._replace(T_ref_last=T_last, rows=rows))
         assert metres < 3e-4
         assert degrees < 0.01
         assert error(AT_ONCE)[0] > 10 * metres
@@ -223,7 +223,7 @@ def moments(registration, rolling, seed=0, count=20):
         step = rng.normal(0, 0.008, 6)
         problem, T_last, seen = problem_of(seed, step, READOUT)
         keyframe = keyframe or SimpleNamespace(edges=registration.index(problem.reference))
-        lag = kernels.Lag(0.0, T_last, np.eye(4), rolling.rows(seen.pixels) / PERIOD)
+        lag = AT_ONCE._replace(T_ref_last=T_last, rows=rolling.rows(seen.pixels) / PERIOD)
         found = registration.align(keyframe.edges, seen, T_last[None], lag=lag)
         velocity = step / PERIOD
         seen = SimpleNamespace(samples=rolling.unrolled(seen, velocity))

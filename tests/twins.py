@@ -479,6 +479,7 @@ def align(
     normal_criterion,
     solver,
     profiles=NO_PROFILES,
+    sharp=1.0,
 ):
     """Iterate Eq. (13)-(14) from T, through both stages; returns T, iterations and Warped."""
     function = NAMES[solver.weight]
@@ -502,7 +503,7 @@ def align(
                 given = edges.profiles, profiles, gradients, seen.matches
                 if not change:
                     change[:] = usual_change(*given, solver.profile_spread)
-                counts = trust(*given, *change)[seen.matched]
+                counts = (sharp * trust(*given, *change))[seen.matched]
                 seen.residuals = seen.residuals * counts
                 seen.normals = seen.normals * counts[:, None]
             return seen
@@ -1040,6 +1041,53 @@ def unroll_pixels(pixels, depths, typical, rows, velocity, camera):
     near = (z < kernels.MIN_DEPTH) | (moved[:, 2] < 0.5)
     there, nearer = _project(camera, moved), depths * moved[:, 2]
     return np.where(near[:, None], pixels, there), np.where(near, depths, nearer)
+
+
+def speeds_across(pixels, gradients, depths, velocity, camera):
+    """How fast edges move along their gradients, px/s; without depth they are infinitely far."""
+    rays = camera.backproject(pixels.astype(np.float64), np.ones(len(pixels)))
+    far = depths < kernels.MIN_DEPTH
+    nearness = np.where(far, 0.0, 1 / np.where(far, 1.0, depths.astype(np.float64)))
+    moved = nearness[:, None] * velocity[:3] + np.cross(velocity[3:], rays)
+    flow = (moved[:, :2] - rays[:, :2] * moved[:, 2:]) * (camera.fx, camera.fy)
+    return (gradients * flow).sum(axis=1)
+
+
+def smear_change(
+    pixels,
+    depths,
+    gradients,
+    profiles,
+    key,
+    own,
+    matches,
+    residuals,
+    most_px,
+    most_px2,
+    velocity,
+    key_velocity,
+    camera,
+):
+    """How many edges tell, and by how much more those move and are wide that move the more."""
+    found = (matches >= 0) & (matches < own) & (depths >= kernels.MIN_DEPTH)
+    found &= abs(np.nan_to_num(residuals, nan=np.inf)) < most_px
+    of = matches[found]
+    strong = profiles[found, 0] >= np.median(profiles[found, 0])
+    was = -1 / np.minimum(key.profiles[of, 1], -kernels.FLATTEST)
+    strong &= was <= most_px2
+    strong &= (gradients[found] * key.gradients[of]).sum(axis=1) >= kernels.TURNED_ALIKE
+    z = depths[found]
+    now = speeds_across(pixels[found], gradients[found], z, velocity, camera)
+    then = speeds_across(key.pixels[of], key.gradients[of], z, key_velocity, camera)
+    moves = ((now**2 - then**2) / 12)[strong]
+    widens = (-1 / np.minimum(profiles[found, 1], -kernels.FLATTEST) - was)[strong]
+    order, quarter = np.argsort(moves), len(moves) // 4
+    least, most = order[:quarter], order[len(moves) - quarter :]
+    return (
+        len(moves),
+        moves[most].mean() - moves[least].mean(),
+        np.median(widens[most]) - np.median(widens[least]),
+    )
 
 
 def row_equations(

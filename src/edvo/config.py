@@ -63,9 +63,9 @@ class EdgesConfig(Section):
     )
     smear: Literal["none", "measured"] = Field(
         default="none",
-        description="measured: images whose edges are smeared, by motion while they are exposed or "
-        "out of focus, are blurred by more, as far as that shows from frame to frame (in Canny's "
-        "edges, on a vertex). Not in the paper",
+        description="measured: images whose edges are smeared are blurred by more, as far as that "
+        "shows from frame to frame (in Canny's edges, on a vertex), once motion.exposure tells "
+        "that motion has smeared them; with motion.exposure=none whatever has. Not in the paper",
     )
     black_rim: Literal["ignored", "kept"] = Field(
         default="ignored",
@@ -456,6 +456,19 @@ class MotionConfig(Section):
         description="readout known: how long that takes, seconds, negative where rows are read "
         "from below; summary.json of another recording by the camera tells. Not in the paper",
     )
+    exposure: Literal["measured", "known", "none"] = Field(
+        default="measured",
+        description="for how long an image is exposed, so that edges which moved meanwhile count "
+        "less, as they were smeared, and edges.smear knows smeared ones from soft ones: measured "
+        "while tracking, what exposure_s says, or taken to be an instant. With "
+        "registration.profile_spread. Not in the paper",
+    )
+    exposure_s: Annotated[float, Field(ge=0, le=0.1)] = Field(
+        default=0.0,
+        validate_default=True,
+        description="exposure known: how long that is, seconds; summary.json of another recording "
+        "in the same light tells. Not in the paper",
+    )
     search_deg: Annotated[float, Field(ge=0, le=45)] = Field(
         default=24.0,
         description="where a registration is in doubt, or a step is a far one, turns of the camera "
@@ -471,11 +484,13 @@ class MotionConfig(Section):
     max_speed_m_s: Positive = Field(default=5.0, description="a faster pose is an error")
     max_turn_deg_s: Positive = Field(default=500.0, description="a faster turn is an error")
 
-    @field_validator("readout_s")
+    @field_validator("readout_s", "exposure_s")
     @classmethod
     def _goes_with_the_rule(cls, seconds: float, others: ValidationInfo) -> float:
-        if (others.data.get("readout") == "known") != (seconds != 0):
-            raise ValueError("readout: known and readout_s, not 0, go together; give both")
+        key = str(others.field_name)
+        rule = key.removesuffix("_s")
+        if (others.data.get(rule) == "known") != (seconds != 0):
+            raise ValueError(f"{rule}: known and {key}, not 0, go together; give both")
         return seconds
 
 
@@ -755,6 +770,7 @@ PRESETS: dict[str, dict[str, Any]] = {
             "depth_delay": "none",
             "repeated_depth": "new",
             "readout": "none",
+            "exposure": "none",
             "inertia": "none",
         },
         "keyframes": {

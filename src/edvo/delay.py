@@ -129,7 +129,8 @@ class DepthDelay:
         share = delay / period
         follows = max(share, LEAST_SHARE)
         expected = np.zeros(6) if seen.T_cam_depth is None else se3.log(seen.T_cam_depth)
-        return Lag(follows, T_key_last, se3.exp(-expected * follows / share), AT_ONCE.rows)
+        T_depth_cam = se3.exp(-expected * follows / share)
+        return AT_ONCE._replace(share=follows, T_ref_last=T_key_last, T_depth_cam=T_depth_cam)
 
     def share(self, stamped: float, period: float) -> float:
         """Say when depth was taken after its image.

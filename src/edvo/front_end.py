@@ -13,6 +13,7 @@ from edvo.clock import Clock
 from edvo.config import Config, SamplingConfig
 from edvo.detail import Detail, usual_detail
 from edvo.edges import EdgeBuffers, EdgeImage, EdgePixels, edges_to_keep, extract_edges
+from edvo.exposure import Exposure
 from edvo.frame import Frame
 from edvo.keyframes import Keyframe
 from edvo.look import Look
@@ -43,6 +44,8 @@ class FrontEnd:
     fitter : PlaneFitter
     clock : Clock
         Told which stage runs.
+    exposure : Exposure
+        Of the images.
     """
 
     def __init__(
@@ -52,12 +55,13 @@ class FrontEnd:
         registration: Registration,
         fitter: PlaneFitter,
         clock: Clock,
+        exposure: Exposure,
     ) -> None:
         self._camera, self._config, self._clock = camera, config, clock
         self._registration, self._fitter = registration, fitter
         self._buffers = EdgeBuffers(camera.height, camera.width)
         self._rim = Rim()
-        self._smear = Smear(config.edges)
+        self._smear = Smear(config.edges, exposure)
         self._blind: NDArray[np.bool_] | None = None
         self._reobserved = Reobserved(camera)
         self._chooses = config.sampling.selection == "informative"

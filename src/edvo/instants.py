@@ -1,4 +1,4 @@
-"""When the parts of a frame were taken: its rows one after the other, and its depth apart."""
+"""When the parts of a frame were taken: rows one after the other, for some time, depth apart."""
 
 from dataclasses import dataclass, replace
 
@@ -10,6 +10,7 @@ from edvo.camera import Camera
 from edvo.config import Config, EdgesConfig
 from edvo.delay import DepthDelay
 from edvo.edges import EdgePixels, depth_at_edges
+from edvo.exposure import Exposure
 from edvo.kernels import Lag
 from edvo.keyframes import Keyframe
 from edvo.measuring import Moment, Moments
@@ -61,19 +62,27 @@ class Instants:
     config : Config
     registration : Registration
     fitter : PlaneFitter
+    exposure : Exposure
 
     Attributes
     ----------
     depth : DepthDelay
     rolling : RollingShutter
+    exposure : Exposure
     """
 
     def __init__(
-        self, camera: Camera, config: Config, registration: Registration, fitter: PlaneFitter
+        self,
+        camera: Camera,
+        config: Config,
+        registration: Registration,
+        fitter: PlaneFitter,
+        exposure: Exposure,
     ) -> None:
         self._camera, self._config = camera, config
         motion = config.motion
-        self._is_on = motion.depth_delay != "none" or motion.readout != "none"
+        self._is_on = exposure.is_on or motion.depth_delay != "none" or motion.readout != "none"
+        self.exposure = exposure
         self._registration, self._fitter = registration, fitter
         self._rough = config.edges.model_copy(
             update={"depth_window_px": min(ROUGH_PX, config.edges.depth_window_px)}
@@ -87,29 +96,49 @@ class Instants:
         """Know nothing."""
         self.depth.forget()
         self.rolling.forget()
+        self.exposure.forget()
         self._moments = Moments()
         self._trial.forget()
         self._held: _Held | None = None
         self._count = 0
 
-    def lag(self, seen: Seen, T_key_last: NDArray[np.float64], period: float) -> Lag:
+    def lag(
+        self,
+        seen: Seen,
+        keyframe: Keyframe,
+        T_key_last: NDArray[np.float64],
+        period: float,
+        velocity: NDArray[np.float64],
+    ) -> Lag:
         """Say when the parts of a frame were taken, for a registration to move them.
 
         Parameters
         ----------
         seen : Seen
+        keyframe : Keyframe
+            That it is registered with.
         T_key_last : ndarray of float64, shape (4, 4)
             Where the camera was at the last frame.
         period : float
             Seconds since then.
+        velocity : ndarray of float64, shape (6,)
+            Of the camera then, in its own frame, 1/s.
 
         Returns
         -------
         Lag
         """
         lag = self.depth.lag(seen, T_key_last, period)
+        sharp = self.exposure.sharpness(seen.samples, velocity, self._velocity_of(keyframe))
+        if len(sharp):
+            lag = lag._replace(sharp=sharp)
         rows = self.rolling.rows(seen.samples.pixels)
         return lag._replace(T_ref_last=T_key_last, rows=rows / period) if len(rows) else lag
+
+    def _velocity_of(self, keyframe: Keyframe) -> NDArray[np.float64] | None:
+        """Of the camera at a keyframe, where that is known."""
+        held = self._held
+        return held.velocity if held is not None and held.keyframe is keyframe else None
 
     def matter(self, seen: Seen) -> bool:
         """Say whether parts of a frame were taken at other instants than the frame.
@@ -162,11 +191,18 @@ class Instants:
             return
         self._count += 1
         wanted = self._count % RARELY == 0 or not self._are_known
+        exposed = self.exposure.estimate.wanted
         age = seen.frame.timestamp - keyframe.timestamp
+        is_second = abs(age - period) < SOON_S
         moment = self._moments.note(
-            keyframe, seen, alignment, period, wanted=wanted, is_second=abs(age - period) < SOON_S
+            keyframe, seen, alignment, period, wanted=wanted or exposed, is_second=is_second
         )
-        if moment is not None:
+        if moment is None:
+            return
+        velocity = self._velocity_of(moment.keyframe)
+        if velocity is not None:
+            self.exposure.learn(moment, velocity)
+        if wanted:
             self.depth.learn(moment)
             self._learn_readout(moment)
 

@@ -61,6 +61,9 @@ MOST_ROUGH = 2**10 - 1  # noise of 250 grey levels leaves two fifths less rough
 FLAT = np.float32(1e-6)  # a bend of less than that is none: logarithms are not more exact
 PROFILES = 400  # so many tell how profiles usually change,
 LEAST_CHANGE = 0.02  # which is by no less: noise of the image;
+TURNED_ALIKE = 0.8  # cosine between the gradients of an edge and of its match, or they are others
+FLATTEST = 0.01  # px^-2, a bend of less than that is none
+SMEARED_DOUBT = 1.5  # px^-2: what smeared edges scatter by, squared, over that of sharp ones
 OF_A_LINE = 20  # of one direction tell how that changes,
 MOST_TRUST = 2.0  # and none of them counts more: else a few could hold a direction alone
 # So much is at hand together, and stays in the nearest cache:
@@ -241,6 +244,7 @@ class Lag(NamedTuple):
     T_ref_last: F64  # (4, 4) pose of the last image
     T_depth_cam: F64  # (4, 4) takes back what the points were moved by already
     rows: F64  # (N,) of each sample, as against the middle of the image; empty: all at once
+    sharp: F64  # (N,) what each counts, less where it moved while it was exposed; empty: 1
 
 
 class PlaneMatches(NamedTuple):
@@ -2789,6 +2793,122 @@ def unroll_points(points: F64, T: F64, lag: Lag, moved: F64) -> None:
         moved[i, 2] = z + s * (c + p * y - q * x)
 
 
+@lean
+def speed_across(
+    u: np.float64,
+    v: np.float64,
+    gu: np.float64,
+    gv: np.float64,
+    near: np.float64,
+    velocity: F64,
+    camera: Pinhole,
+) -> np.float64:
+    """How fast an edge moves along its gradient, px/s but for the sign, by a camera's velocity.
+
+    ``near`` is one over its depth, 1/m.
+    """
+    x, y = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy
+    a, b, c, p, q, r = velocity
+    ahead = c * near + p * y - q * x
+    du = camera.fx * (a * near + q - r * y - x * ahead)
+    dv = camera.fy * (b * near + r * x - p - y * ahead)
+    return np.float64(gu * du + gv * dv)
+
+
+@lean
+def nearness(depth: np.float32) -> np.float64:
+    """One over a depth, 1/m; 0, as if it were infinite, where there is none."""
+    return np.float64(1 / depth if depth >= MIN_DEPTH else 0.0)
+
+
+@compiled
+def write_sharpness(
+    pixels: F32,
+    gradients: F32,
+    depths: F32,
+    velocity: F64,
+    key_velocity: F64,
+    camera: Pinhole,
+    squared_s2: float,
+    sharp: F64,
+) -> None:
+    """Write what edges count that were exposed for a time, whose square is given, as `Lag` says.
+
+    One that has moved by w px meanwhile is a ramp, of the variance w^2 / 12; so is its match, where
+    the camera went by another velocity.
+    """
+    for i in range(sharp.size):
+        u, v = np.float64(pixels[i, 0]), np.float64(pixels[i, 1])
+        gu, gv, near = np.float64(gradients[i, 0]), np.float64(gradients[i, 1]), nearness(depths[i])
+        now = speed_across(u, v, gu, gv, near, velocity, camera)
+        then = speed_across(u, v, gu, gv, near, key_velocity, camera)
+        smeared = squared_s2 * (now * now + then * then) / 12
+        sharp[i] = 1 / np.sqrt(1 + SMEARED_DOUBT * smeared)
+
+
+@compiled
+def smear_change(
+    pixels: F32,
+    depths: F32,
+    gradients: F32,
+    profiles: F32,
+    key_pixels: F32,
+    key_gradients: F32,
+    key_profiles: F32,
+    own: int,
+    matches: I32,
+    residuals: F64,
+    most_px: float,
+    most_px2: float,
+    velocity: F64,
+    key_velocity: F64,
+    camera: Pinhole,
+) -> tuple[int, float, float]:
+    """How much more edges are widened that move the more, as against their matches.
+
+    Of the stronger half of the samples whose match is among the reference's first, its ``own``, no
+    farther than ``most_px``, no wider than ``most_px2`` and turned alike: how many they are; then
+    of the quarter whose speed along the gradient has risen most over that of the match, less the
+    quarter where it has risen least: the mean change of its square, over 12, px^2/s^2, and the
+    middle change of the variance of the profile, px^2. What one is of the other, s^2, is the
+    square of the exposure.
+    """
+    n = matches.size
+    chosen, heights = np.empty(n, np.int64), np.empty(n, np.float32)
+    count = 0
+    for i in range(n):
+        if 0 <= matches[i] < own and abs(residuals[i]) < most_px and depths[i] >= MIN_DEPTH:
+            chosen[count], heights[count] = i, profiles[i, 0]
+            count += 1
+    if count == 0:
+        return 0, 0.0, 0.0
+    strong = np.median(heights[:count])
+    moved, widened = np.empty(count), np.empty(count)
+    kept = 0
+    for j in range(count):
+        i = chosen[j]
+        k = matches[i]
+        gu, gv = np.float64(gradients[i, 0]), np.float64(gradients[i, 1])
+        ku, kv = np.float64(key_gradients[k, 0]), np.float64(key_gradients[k, 1])
+        was = -1 / min(key_profiles[k, 1], -FLATTEST)
+        if heights[j] < strong or was > most_px2 or gu * ku + gv * kv < TURNED_ALIKE:
+            continue
+        u, v, near = np.float64(pixels[i, 0]), np.float64(pixels[i, 1]), nearness(depths[i])
+        now = speed_across(u, v, gu, gv, near, velocity, camera)
+        u, v = np.float64(key_pixels[k, 0]), np.float64(key_pixels[k, 1])
+        then = speed_across(u, v, ku, kv, near, key_velocity, camera)
+        moved[kept] = (now * now - then * then) / 12
+        widened[kept] = -1 / min(profiles[i, 1], -FLATTEST) - was
+        kept += 1
+    if kept < 4:
+        return kept, 0.0, 0.0
+    order = np.argsort(moved[:kept])
+    quarter = kept // 4
+    least, most = order[:quarter], order[kept - quarter :]
+    moves = moved[most].mean() - moved[least].mean()
+    return kept, moves, np.median(widened[most]) - np.median(widened[least])
+
+
 @lean_float
 def unroll_pixels(
     pixels: F32,
@@ -3527,6 +3647,7 @@ def trust_matches(
     profiles: F32,
     gradients: F32,
     change: Change,
+    sharp: F64,
     matches: Matches,
     residuals: F64,
 ) -> None:
@@ -3534,7 +3655,7 @@ def trust_matches(
 
     An edge that looks otherwise than its match is elsewhere, too: part of it is shadow, or what
     stands beside it has become brighter. Where one of the two is no Gaussian it hardly counts. That
-    of a match which has stayed is not asked for again.
+    of a match which has stayed is not asked for again. ``sharp`` is that of a `Lag`.
     """
     count = place(0)
     for i in range(place(profiles.shape[0])):
@@ -3547,6 +3668,8 @@ def trust_matches(
             x = (profiles[i, 0] - known[edge, 0] - change.middle[line, 0]) * change.per[0]
             y = (profiles[i, 1] - known[edge, 1] - change.middle[line, 1]) * change.per[1]
             matches.trust[i] = change.norm[line] / np.sqrt(1 + x * x + y * y)
+            if sharp.size > 0:
+                matches.trust[i] *= sharp[i]
             matches.judged[i] = k
         trust = matches.trust[i]
         matches.normal[i, 0] *= trust
@@ -3647,6 +3770,7 @@ def align(
     noise, since such errors are not independent of one another. Short steps of the last stage leave
     each point on its plane. H and b stay in px^2. Where depth was not taken at the instant of the
     image it moves with the pose by less, or by more, and so does the row of a sample (``lag``).
+    There, too, smeared ones count less, where edges are compared at all.
     Returns why it stopped, iterations, number of matches, sigma and cost; then the number of
     points with a plane, their sigma_d, and what their term counted.
     """
@@ -3725,7 +3849,9 @@ def align(
         if compares:
             spread = solver.profile_spread
             usual = usual_change(grid.order, known, profiles, gradients, matches, spread)
-            trust_matches(grid.order, known, profiles, gradients, usual, matches, residuals)
+            trust_matches(
+                grid.order, known, profiles, gradients, usual, lag.sharp, matches, residuals
+            )
         if m > 0:
             there = lagged(T, lag).copy()
             near_count = match_planes(planes, surface, camera, there, term, near, apart)
@@ -3810,7 +3936,14 @@ def align(
                 )
                 if compares:
                     trust_matches(
-                        grid.order, known, profiles, gradients, usual, trial, trial_residuals
+                        grid.order,
+                        known,
+                        profiles,
+                        gradients,
+                        usual,
+                        lag.sharp,
+                        trial,
+                        trial_residuals,
                     )
                 row[7] = mean_cost(
                     trial_residuals, trial_count, taken, sigma, criterion.limit, solver

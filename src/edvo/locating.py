@@ -196,7 +196,8 @@ class Locator:
         course, timestamp = self._course, seen.frame.timestamp
         if not course.follows(timestamp):
             return AT_ONCE
-        return self._instants.lag(seen, course.T_key_last, course.period(timestamp))
+        period = course.period(timestamp)
+        return self._instants.lag(seen, course.key, course.T_key_last, period, course.velocity)
 
     def _better(self, found: Alignment, other: Alignment, timestamp: float) -> Alignment:
         """Of two that fit: what is not lost, else whose depth is not off, else the clearer.

@@ -98,6 +98,8 @@ class Estimate:
         How far (one sigma).
     wanted : bool, optional
         False where nobody asks for it: then it stays 0, and there is nothing to find out.
+    shared : float, optional
+        Of what measures it, so many err together, and count as one.
 
     Attributes
     ----------
@@ -110,8 +112,8 @@ class Estimate:
         The most likely one, or 0 as long as that is not to be told from it.
     """
 
-    def __init__(self, expected: float, *, wanted: bool = True) -> None:
-        self.wanted = wanted
+    def __init__(self, expected: float, *, wanted: bool = True, shared: float = SHARED) -> None:
+        self.wanted, self._shared = wanted, shared
         self._variance = expected * expected
         self.forget()
 
@@ -152,7 +154,7 @@ class Estimate:
         seconds : float
             Since the one before it.
         """
-        information, weighted = information / SHARED, weighted / SHARED
+        information, weighted = information / self._shared, weighted / self._shared
         off = weighted - information * self.likely
         if not off * off <= GATE * GATE * information * (1 + information * self._variance):
             return  # nor is what is no number taken
@@ -168,7 +170,7 @@ class Estimate:
         """
         if not measured.information > 0:
             return
-        doubt = (REACHED * measured.off) ** 2 / SHARED
+        doubt = (REACHED * measured.off) ** 2 / self._shared
         information = measured.information / (1 + measured.information * doubt)
         self.note(information, information * measured.value, 0.0)  # its frame was noted already
 

@@ -23,6 +23,7 @@ from edvo.detail import Detail, usual_detail, worthwhile_detail
 from edvo.doubt import ASTRAY, WAS_LOOSE, Doubt
 from edvo.earlier import EarlierKeyframes
 from edvo.errors import FrameError
+from edvo.exposure import Exposure
 from edvo.frame import Frame
 from edvo.freeze import FREEZE_S, Freeze
 from edvo.front_end import FrontEnd
@@ -97,12 +98,13 @@ class Odometry:
             start_stride=self.config.motion.prior_stride,
         )
         self._fitter = PlaneFitter(camera, self.config.planes)
+        solver, exposure = self._registration.solver, Exposure(camera, self.config)
         self._front_end = FrontEnd(
-            camera, self.config, self._registration, self._fitter, self._clock
+            camera, self.config, self._registration, self._fitter, self._clock, exposure
         )
-        self._uncertainty = Uncertainty(camera, self.config, self._registration.solver)
-        self._shared = SharedErrors(camera, self.config, self._registration.solver)
-        self._instants = Instants(camera, self.config, self._registration, self._fitter)
+        self._uncertainty = Uncertainty(camera, self.config, solver)
+        self._shared = SharedErrors(camera, self.config, solver)
+        self._instants = Instants(camera, self.config, self._registration, self._fitter, exposure)
         self._depth_alone = DepthAlone(camera, self.config, self._fitter.term, self._uncertainty)
         self.reset()
 
@@ -182,6 +184,11 @@ class Odometry:
     def readout(self) -> float:
         """From the first row of an image to the last, as known, or measured so far, seconds."""
         return self._instants.rolling.seconds
+
+    @property
+    def exposure(self) -> float:
+        """For how long a pixel is exposed, as known, or measured so far, seconds; 0 below 10 ms."""
+        return self._instants.exposure.seconds
 
     def track(self, frame: Frame) -> TrackedFrame:
         """Give the pose of the next frame.

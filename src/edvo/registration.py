@@ -21,7 +21,7 @@ from edvo.robust import TUNING, WEIGHTS
 
 RESIDUALS = {"divergence": kernels.SIGNED, "distance": kernels.DISTANCE}
 AGREEING = math.cos(math.radians(45))  # of gradients, even if the camera has rolled a little
-AT_ONCE = kernels.Lag(0.0, np.eye(4), np.eye(4), np.empty(0))
+AT_ONCE = kernels.Lag(0.0, np.eye(4), np.eye(4), np.empty(0), np.empty(0))
 EDGES_ALONE = DepthTerm(
     weight=0.0, doubt=1.0, edge_doubt=0.0, most=math.inf, min_dot=1.0, limit=0.0, min_points=1
 )

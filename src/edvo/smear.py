@@ -7,20 +7,19 @@ Blurred by more, images that are smeared otherwise become alike, and a ramp has 
 
 import math
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from edvo import kernels
 from edvo.config import EdgesConfig
 from edvo.edges import EdgeImage
+from edvo.exposure import Exposure, sharp_variance
 
-SOBEL_PX2 = 0.45  # variance that Sobel's operator and the pixels themselves give to a step
 SMEARED_PX2 = 0.6  # of what is added to that: by so much for each pass images are blurred by more
 PASSES = (0, 1, 2, 4)
 HOLLOW_PX2 = 0.4  # what a pass adds in the middle of a profile beyond its own: it skips pixels
 LASTING = 0.5  # of that by which a pass begins, down to which it goes on: texture tells less then
 FAR = 2  # of `PASSES`: what lacks so many is mended at once
-FLATTEST = 0.01  # px^-2, a bend of less than that is none
 MEMORY_S = 0.3  # that is averaged over
 ENOUGH = 50  # edges that tell
 
@@ -33,6 +32,9 @@ class Smear:
     config : EdgesConfig
         ``smear`` says whether it is measured, ``blur_px`` how wide sharp edges are. By other
         extractors than Canny, or at whole pixels, it is not.
+    exposure : Exposure, optional
+        Of the images: as long as none is known, edges are soft by themselves. Where it is not
+        asked for, or not given, motion is taken to have smeared them.
 
     Attributes
     ----------
@@ -40,9 +42,10 @@ class Smear:
         Of a blur of 2 px^2 each, beyond the usual, for the next image.
     """
 
-    def __init__(self, config: EdgesConfig) -> None:
+    def __init__(self, config: EdgesConfig, exposure: Exposure | None = None) -> None:
+        self._exposure = exposure if exposure is not None and exposure.is_on else None
         self._is_on = (config.smear, config.extractor) == ("measured", "canny")
-        self._sharp = SOBEL_PX2 + kernel_variance(config.blur_px)
+        self._sharp = sharp_variance(config.blur_px)
         self.forget()
 
     def forget(self) -> None:
@@ -88,6 +91,8 @@ class Smear:
 
     def _wanted(self) -> int:
         """The passes that edges so smeared call for; a little less lets those there are go on."""
+        if self._exposure is not None and not self._exposure.seconds:
+            return 0
         for passes in reversed(PASSES):
             lasts = LASTING if passes <= self.passes else 1.0
             if self._variance > lasts * passes * SMEARED_PX2:
@@ -111,23 +116,4 @@ def edge_variance(profiles: NDArray[np.float32]) -> float:
     half = len(profiles) // 2
     bends = profiles[np.argpartition(profiles[:, 0], half)[half:], 1]
     middle = len(bends) // 2
-    return -1.0 / min(float(np.partition(bends, middle)[middle]), -FLATTEST)
-
-
-def kernel_variance(size: int) -> float:
-    """Tell how wide the Gaussian is that images are blurred with.
-
-    Parameters
-    ----------
-    size : int
-        ``EdgesConfig.blur_px``.
-
-    Returns
-    -------
-    float
-        Variance, px^2.
-    """
-    if not size:
-        return 0.0
-    weights = cv2.getGaussianKernel(size, 0).ravel()
-    return float(weights @ (np.arange(size) - size // 2) ** 2)
+    return -1.0 / min(float(np.partition(bends, middle)[middle]), -kernels.FLATTEST)

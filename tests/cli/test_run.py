@@ -38,7 +38,7 @@ def test_writes_all_that_was_promised(edvo: Command, whole_sequence: Path, tmp_p
     assert summary["coverage"] == 1.0
     assert summary["frames"]["tracked"] == 36
     assert summary["camera"]["fx"] == 150.0
-    assert set(summary["measured"]) == {"depth_delay_s", "readout_s"}
+    assert set(summary["measured"]) == {"depth_delay_s", "readout_s", "exposure_s"}
     assert summary["evaluation"]["rpe"]["pairs"] > 2
     assert yaml.safe_load((out / "config.yaml").read_text()) == summary["config"]
 

@@ -358,7 +358,11 @@ def measured_by(tracker: Tracker) -> dict[str, float]:
         inner = inner.tracker
     if not isinstance(inner, Odometry):
         return {}
-    return {"depth_delay_s": inner.depth_delay, "readout_s": inner.readout}
+    return {
+        "depth_delay_s": inner.depth_delay,
+        "readout_s": inner.readout,
+        "exposure_s": inner.exposure,
+    }
 
 
 def track_reading(tracker: Tracker, reading: Reading, clock: StageClock | None) -> FrameRecord:

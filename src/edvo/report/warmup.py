@@ -10,6 +10,7 @@ from edvo import kernels
 from edvo.camera import Camera
 from edvo.config import Config
 from edvo.edges import EdgeBuffers, depth_at_edges, edges_to_keep, extract_edges
+from edvo.exposure import Exposure
 from edvo.frame import Frame, register_depth
 from edvo.gathering import carried, unknown
 from edvo.look import Look
@@ -78,6 +79,9 @@ def warm_up(config: Config) -> None:
     # and images that are smeared: those of frames, which nobody may write to, and noisy ones
     for image in (frame.grey, grey):
         extract_edges(image, config.edges, buffers, passes=1)
+    # and motion that has smeared them, which takes longer to be found
+    known = ["motion.exposure=known", "motion.exposure_s=0.02", "registration.profile_spread=3"]
+    Exposure(camera, config.with_overrides(known)).sharpness(described, np.zeros(6))
     # and what a number of the camera would move
     taken_by_pose(np.eye(6), np.zeros(6))
     # and a lamp that moves, whose edges a keyframe gathers
