@@ -61,11 +61,11 @@ MOST_ROUGH = 2**10 - 1  # noise of 250 grey levels leaves two fifths less rough
 FLAT = np.float32(1e-6)  # a bend of less than that is none: logarithms are not more exact
 PROFILES = 400  # so many tell how profiles usually change,
 LEAST_CHANGE = 0.02  # which is by no less: noise of the image;
-TURNED_ALIKE = 0.8  # cosine between the gradients of an edge and of its match, or they are others
-FLATTEST = 0.01  # px^-2, a bend of less than that is none
-SMEARED_DOUBT = 1.5  # px^-2: what smeared edges scatter by, squared, over that of sharp ones
 OF_A_LINE = 20  # of one direction tell how that changes,
 MOST_TRUST = 2.0  # and none of them counts more: else a few could hold a direction alone
+SMEARED_DOUBT = 1.5  # px^-2: by so much more edges scatter, squared, over that of sharp ones
+TURNED_ALIKE = 0.8  # cosine between the gradients of an edge and of its match, or they are others
+FLATTEST = 0.01  # px^-2, a bend of less than that is none
 # So much is at hand together, and stays in the nearest cache:
 PATCHES = 64  # of edges,
 BATCH = 1024  # edges, with their gradients and what a lens does to them
@@ -3770,7 +3770,7 @@ def align(
     noise, since such errors are not independent of one another. Short steps of the last stage leave
     each point on its plane. H and b stay in px^2. Where depth was not taken at the instant of the
     image it moves with the pose by less, or by more, and so does the row of a sample (``lag``).
-    There, too, smeared ones count less, where edges are compared at all.
+    Where profiles are compared, samples count less in the last stage that it says are smeared.
     Returns why it stopped, iterations, number of matches, sigma and cost; then the number of
     points with a plane, their sigma_d, and what their term counted.
     """
