@@ -70,7 +70,7 @@ class Hunter:
         expected : sequence of ndarray of float64, shape (4, 4)
             Where the camera may be expected, T_world_cam.
         gap_s : float
-            For how long it has not been known where it is.
+            For how long it has not been known where it is, seconds.
 
         Returns
         -------

@@ -199,7 +199,7 @@ class Search:
         expected : sequence of ndarray of float64, shape (4, 4)
             Where the camera may be expected, T_world_cam.
         gap_s : float
-            For how long it has been lost.
+            For how long it has been lost, seconds.
         sure : (Keyframe, ndarray of float64, shape (4, 4)), optional
             Where it was beyond doubt before it was lost: T_key_cur. What it has followed since, a
             hand for instance, may look liker the frame, and have led it away.

@@ -43,6 +43,7 @@ def test_tracks_and_writes_what_run_writes(shown: tuple[Path, str]) -> None:
     assert summary["evaluation"]["rpe"]["translation_m"]["rmse"] == pytest.approx(
         errors.rpe.rmse, rel=1e-6
     )
+    assert set(summary["measured"]) == {"depth_delay_s", "readout_s", "exposure_s"}
 
 
 def test_opencv_tracks_the_same_frames(shown: tuple[Path, str]) -> None:

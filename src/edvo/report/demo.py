@@ -114,23 +114,28 @@ class Watched:
         What tracks.
     step : int
         Every so many frames one is kept.
+
+    Attributes
+    ----------
+    tracker : Odometry
+        That one; what it has measured of the camera goes into the summary.
     """
 
     def __init__(self, odometry: Odometry, step: int) -> None:
         self.sights: list[Sight] = []
-        self._odometry = odometry
+        self.tracker = odometry
         self._step = step
 
     def track(self, frame: Frame) -> TrackedFrame:
         """Give the pose of a frame."""
-        result = self._odometry.track(frame)
+        result = self.tracker.track(frame)
         if result.index % self._step == 0:
             self.sights.append(Sight(frame, result))
         return result
 
     def skip(self, timestamp: float, reason: str) -> TrackedFrame:
         """Take note of a frame that could not be read."""
-        return self._odometry.skip(timestamp, reason)
+        return self.tracker.skip(timestamp, reason)
 
 
 def film_step(frames: int) -> int:
