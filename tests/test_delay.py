@@ -384,18 +384,29 @@ def test_where_there_is_none_none_is_found():
     assert rmse < 1.1 * at_once
 
 
-def test_the_depth_of_the_first_keyframe_is_moved_once_its_velocity_is_known(older):
+def test_the_depth_of_the_first_keyframe_is_moved_once_its_velocity_is_known(older, monkeypatch):
     frames, _ = older
     odometry = Odometry(CAMERA, Config().with_overrides(["motion.depth_delay=stamps"]))
     odometry.track(frames[0])
     first = odometry._course.keyframe
     odometry.track(frames[1])
+    assert odometry._course.keyframe is first  # this one has had enough to do
+    align, asked = odometry._registration.align, []
+
+    def watched(*given, **options):
+        asked.append(given[3])
+        return align(*given, **options)
+
+    monkeypatch.setattr(odometry._registration, "align", watched)
+    odometry.track(frames[2])
     second = odometry._course.keyframe
     assert second.index == first.index
     assert np.median(abs(second.planes.offsets - first.planes.offsets)) > 1e-3
+    assert asked[0] is second.planes  # but before the next one is registered
     assert odometry._upkeep.store.newest() is second
-    odometry.track(frames[2])
-    assert odometry._course.keyframe is second  # as good as before
+    for frame in frames[3:5]:
+        odometry.track(frame)
+        assert odometry._course.keyframe is second  # as good as before
 
 
 def test_paper_takes_them_as_simultaneous():

@@ -408,6 +408,62 @@ def test_sums_leave_out_none_and_take_no_more(count):
     assert kernels.plane_cost(near, count, count + 2, 0.4) == pytest.approx(sum(losses) + 2 * worst)
 
 
+def lying_on(planes, rng, off_m):
+    """Points on planes, seen from a camera that has moved, and where that is."""
+    cells = np.flatnonzero(planes.offsets > 0)
+    row, col = np.divmod(cells, planes.cols)
+    rays = CAMERA.backproject(planes.step * np.stack([col, row], 1), np.ones(len(cells)))
+    normals, offsets = planes.normals[cells], planes.offsets[cells]
+    Y = rays * (offsets / np.einsum("ij,ij->i", normals, rays))[:, None]
+    T = se3.exp(rng.normal(0, off_m, 6))
+    back = se3.inverse(T)
+    X = Y @ back[:3, :3].T + back[:3, 3] + rng.normal(0, 5e-4, Y.shape)
+    return PlanePoints(X, normals @ back[:3, :3].T, np.full(len(X), 0.005), 32.0), T
+
+
+@pytest.mark.parametrize("ways", [1, 3, 6])
+@pytest.mark.parametrize("off_m", [0.003, 0.01])
+def test_the_descent_on_planes_equals_its_numpy_twin(ways, off_m):
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        planes, _ = random_scene(rng)
+        points, truth = lying_on(planes, rng, off_m)
+        basis, _ = np.linalg.qr(rng.normal(size=(6, ways)))
+        solver = Registration(CAMERA, MatchingConfig(), RegistrationConfig()).solver
+        term = PlaneFitter(CAMERA, PlanesConfig()).term
+        pinhole = kernels.Pinhole(CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy, 320, 240)
+        T = np.eye(4)
+        given = term, basis, 0.5, solver, 1e-5
+        steps, reason = kernels.descend_on_planes(planes, points, pinhole, *given, T)
+        its_T, its_steps, converged = twins.descend_on_planes(
+            planes, points, CAMERA, *given, np.eye(4)
+        )
+        assert steps == its_steps > 1
+        assert (reason == kernels.CONVERGED) == converged
+        np.testing.assert_allclose(T, its_T, atol=1e-9)
+        if ways == 6:
+            before, after = (se3.log(se3.inverse(truth) @ each) for each in (np.eye(4), T))
+            assert np.linalg.norm(after) < 0.4 * np.linalg.norm(before)
+        else:  # elsewhere it may not move
+            left = np.eye(6) - basis @ basis.T
+            assert np.abs(left @ se3.log(T)).max() < 0.1 * off_m
+
+
+def test_where_planes_say_nothing_of_a_direction_the_descent_stays():
+    """Along a wall nothing changes."""
+    normals = np.tile([0.0, 0.0, 1.0], (80, 1))
+    planes = PlaneMap(normals, np.full(80, 1.5), 8, 10, 32.0)
+    points, _ = lying_on(planes, np.random.default_rng(0), 0.003)
+    solver = Registration(CAMERA, MatchingConfig(), RegistrationConfig()).solver
+    term = PlaneFitter(CAMERA, PlanesConfig()).term
+    pinhole = kernels.Pinhole(CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy, 320, 240)
+    T = np.eye(4)
+    along = np.ascontiguousarray(np.eye(6)[:, :1])
+    found = kernels.descend_on_planes(planes, points, pinhole, term, along, 0.5, solver, 1e-5, T)
+    assert found == (0, kernels.SINGULAR)
+    np.testing.assert_array_equal(T, np.eye(4))
+
+
 @pytest.fixture(scope="module")
 def panels():
     """Plain panels, seen by a noisy sensor."""

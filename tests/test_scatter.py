@@ -95,6 +95,8 @@ def test_clarity_is_the_likelihood_of_the_likeliest_crowd(crisp):
             for part in SHARES:
                 best = max(best, np.log(part * normal + (1 - part) / RANGE_PX).sum())
         assert clarity(found) == pytest.approx(best, abs=0.01 * len(r))  # it takes them by bins
+        few = replace(found, residuals=found.residuals[::4])
+        assert clarity(found, 4) == clarity(few)
     assert clarity(replace(crisp, reason=FAILURES[1])) == -np.inf
 
 
@@ -106,6 +108,21 @@ def test_a_narrow_crowd_is_clearer_than_a_wide_one_of_more_edges(crisp):
     assert clarity(crowded(crisp, 0.8, 0.5)) > clarity(crowded(crisp, 0.6, 0.5))
 
 
+@pytest.mark.parametrize(("more", "is_it"), [(10.1, True), (9.9, False)])
+def test_of_few_edges_as_much_less_is_clear(crisp, monkeypatch, more, is_it):
+    asked = []
+
+    def told(alignment, stride=1):
+        asked.append(stride)
+        return 50.0 if alignment is crisp else 50.0 + more / scale
+
+    monkeypatch.setattr("edvo.scatter.clarity", told)
+    for scale in (1, 4):
+        assert is_clearer(replace(crisp), crisp, scale) == is_it
+        assert asked == [1, scale]
+        asked.clear()
+
+
 def test_sharper_is_clearer_with_depth_no_worse(crisp):
     before, more = crowded(crisp, 0.77, 0.97), crowded(crisp, 0.63, 0.36)
     assert is_sharper(more, before)
@@ -114,6 +131,10 @@ def test_sharper_is_clearer_with_depth_no_worse(crisp):
     assert not is_sharper(replace(more, plane_points=700), before)
     assert is_clearer(replace(more, plane_points=700), before)
     assert not is_clearer(before, more)
+    few = replace(more, residuals=more.residuals[::4], plane_points=200)  # of all of which others
+    assert is_sharper(few, before, 4)
+    assert not is_sharper(few, more, 4)
+    assert not is_sharper(replace(few, plane_points=175), before, 4)
     assert not is_sharper(replace(more, sigma_depth=crisp.sigma_depth + 1), before)
     assert not is_sharper(replace(more, reason=FAILURES[1]), before)
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from edvo import se3
+from edvo import chamfer, se3
 from edvo.chamfer import Guess
 from edvo.config import Config
 from edvo.doubt import STEPPED
@@ -195,6 +195,51 @@ def test_a_frame_that_fits_far_less_at_once_is_looked_at_widely(
     usual = odometry._judge.scatter
     assert usual.fits_less(replace(result.alignment, inliers=0))
     assert not usual.fits_less(replace(result.alignment, inliers=len(result.alignment.matches)))
+
+
+def test_what_tells_places_at_a_glance_is_made_with_the_first_frame(apart, monkeypatch):
+    """The next frame asks for it, and has enough to do."""
+    camera, frames, _ = apart
+    made = []
+    image = chamfer.score_image
+    monkeypatch.setattr(chamfer, "score_image", lambda *given: made.append(k) or image(*given))
+    for change, expected in (("motion.search_deg=20", [0]), ("motion.search_deg=0", [])):
+        odometry = Odometry(camera, Config().with_overrides([change]))
+        made.clear()
+        for k in range(2):
+            odometry.track(shaken(frames[0], k))
+        assert made == expected
+
+
+@pytest.mark.parametrize("promises", [False, True])
+def test_the_first_registration_is_looked_at_widely_where_a_few_edges_promise(
+    apart, monkeypatch, promises
+):
+    """Of few edges and points, which take a quarter of the time."""
+    camera, frames, _ = apart
+    odometry = Odometry(camera)
+    odometry.track(frames[0])
+    align, wide = odometry._registration.align, []
+
+    def watched(reference, samples, starts, planes, points, *rest, first_sigma_px=0.0, **options):
+        given = reference, samples, starts, planes, points, *rest
+        found = align(*given, first_sigma_px=first_sigma_px, **options)
+        if first_sigma_px:
+            wide.append((len(samples), len(points.sigma), found))
+            return found
+        # else as if two in five of its edges were of none of the keyframe
+        off = np.where(np.arange(len(found.matches)) % 5 < 2, 1.9, found.residuals)
+        return replace(found, residuals=off) if promises else found
+
+    monkeypatch.setattr(odometry._registration, "align", watched)
+    monkeypatch.setattr(odometry._search, "around", lambda *given: given[-1])
+    result = odometry.track(shaken(frames[0], 1))
+    assert result.status is Status.TRACKED
+    edges, points = len(result.alignment.matches), len(odometry._course.keyframe.points.sigma)
+    assert wide[0][0] < 0.3 * edges
+    assert wide[0][1] < 0.3 * points
+    assert [n > 0.9 * edges for n, _, _ in wide] == ([False, True] if promises else [False])
+    assert (result.alignment is wide[-1][2]) == promises
 
 
 @pytest.mark.parametrize(

@@ -981,6 +981,39 @@ def depth_equations(planes, points, camera, T, term, sigma, scale):
     return scale * J.T @ (w[:, None] * J), scale * J.T @ (w * r)
 
 
+def descend_on_planes(planes, points, camera, term, basis, scale, solver, stop, T):
+    """The pose at the end, how many steps were tried, and whether one was short enough to end."""
+
+    def at(T):
+        normal, Y, r = match_planes(planes, points, camera, T, term)
+        return _derivative(Y, normal), r
+
+    def total(r, sigma):
+        losses = cost(r / sigma, "tukey", kernels.TUKEY_TUNING)
+        return losses.sum() + (len(points.sigma) - len(r)) * kernels.TUKEY_TUNING**2 / 6
+
+    damping, rejections = solver.damping, 0
+    J, r = at(T)
+    for step in range(solver.max_iterations):
+        sigma = max(1.4826 * np.median(np.abs(r)), scale)
+        w = robust.weights(r / sigma, "tukey", kernels.TUKEY_TUNING)
+        A = J @ basis
+        H = A.T @ (w[:, None] * A)
+        along = -np.linalg.solve(H + damping * np.diag(np.diag(H)), A.T @ (w * r))
+        trial = se3.exp(basis @ along) @ T
+        its_J, its_r = at(trial)
+        if total(its_r, sigma) < total(r, sigma):
+            T, J, r = trial, its_J, its_r
+            damping, rejections = damping * solver.damping_down, 0
+            if np.abs(along).max() < stop:
+                return T, step + 1, True
+        else:
+            damping, rejections = damping * solver.damping_up, rejections + 1
+            if rejections > solver.max_rejections:
+                return T, step + 1, False
+    return T, solver.max_iterations, False
+
+
 # --------------------------------------------------------------------------------------- blur
 
 

@@ -69,6 +69,11 @@ class ChamferMap:
         self._scores: NDArray[np.uint8] | None = None
         self._asked: tuple[EdgePixels, kernels.Chamfer] | None = None  # last, as it is asked again
 
+    def prepare(self) -> None:
+        """Work it out now, in the time of a frame that has some to spare."""
+        if self._scores is None:
+            self._scores = score_image(self._edges, self._camera.width, self._camera.height)
+
     def likely(
         self,
         samples: EdgePixels,
@@ -172,8 +177,8 @@ class ChamferMap:
     def _problem(self, samples: EdgePixels) -> kernels.Chamfer:
         if self._asked is not None and self._asked[0] is samples:
             return self._asked[1]
-        if self._scores is None:
-            self._scores = score_image(self._edges, self._camera.width, self._camera.height)
+        self.prepare()
+        assert self._scores is not None
         few = samples.every(max(len(samples) // TRIED_EDGES, 1))
         directions = np.empty(len(few), np.int32)
         kernels.directions_of(few.gradients, directions)

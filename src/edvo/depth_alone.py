@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from edvo import kernels, se3
 from edvo.camera import Camera
-from edvo.config import Config
 from edvo.edges import EdgePixels
 from edvo.keyframes import Keyframe
 from edvo.planes import DepthTerm, PlanePoints, camera_of
@@ -31,8 +30,8 @@ class DepthAlone:
     ----------
     camera : Camera
         Of all frames.
-    config : Config
-        Its sections registration and planes.
+    solver : kernels.Solver
+        Of the registration: the limits of the descent.
     term : DepthTerm
         How points are compared with planes.
     uncertainty : Uncertainty
@@ -40,10 +39,10 @@ class DepthAlone:
     """
 
     def __init__(
-        self, camera: Camera, config: Config, term: DepthTerm, uncertainty: Uncertainty
+        self, camera: Camera, solver: kernels.Solver, term: DepthTerm, uncertainty: Uncertainty
     ) -> None:
         self._pinhole = camera_of(camera)
-        self._limits = config.registration
+        self._solver = solver
         self._term = term
         self._uncertainty = uncertainty
 
@@ -59,7 +58,7 @@ class DepthAlone:
         -------
         bool
         """
-        return len(samples) < HARDLY_ANY * self._limits.min_matches
+        return len(samples) < HARDLY_ANY * self._solver.min_matches
 
     def align(
         self,
@@ -87,52 +86,30 @@ class DepthAlone:
         covariance : ndarray of float64, shape (6, 6)
             Of ``T_ref_cur``, as `Uncertainty.covariance` gives it.
         """
-        T, iterations, reason = T_key_start, 0, kernels.EXHAUSTED
+        T, iterations, reason = T_key_start.copy(), 0, kernels.EXHAUSTED
+        none = samples.first(0)
         for scale in SCALES:
-            found = self._state(key, samples, points, T, scale, iterations, reason)
+            found = self._state(key, none, points, T, scale, iterations, reason)
             if found.plane_points < self._term.min_points:
                 break
-            covariance = self._covariance(key, samples, points, found)
+            covariance = self._covariance(key, none, points, found)
             # Across the camera's own axes, not the keyframe's: as it tilts it stays in its place.
             basis = se3.adjoint(T) @ constrained_directions(in_current_camera(covariance, T))
             if basis.size:
-                T, steps, reason = self._descend(key, points, T, basis, scale)
+                steps, reason = kernels.descend_on_planes(
+                    key.planes,
+                    points,
+                    self._pinhole,
+                    self._term,
+                    np.ascontiguousarray(basis),
+                    scale,
+                    self._solver,
+                    STOP,
+                    T,
+                )
                 iterations += steps
         found = self._state(key, samples, points, T, SCALES[-1], iterations, reason)
         return found, self._covariance(key, samples, points, found)
-
-    def _descend(
-        self,
-        key: Keyframe,
-        points: PlanePoints,
-        T: NDArray[np.float64],
-        basis: NDArray[np.float64],
-        scale: float,
-    ) -> tuple[NDArray[np.float64], int, int]:
-        """Lower the cost along some directions, by damped Gauss-Newton steps."""
-        limits, m = self._limits, len(points.sigma)
-        near, tried = kernels.new_plane_matches(m), kernels.new_plane_matches(m)
-        count = self._match(key, points, T, near)
-        H, b = np.empty((6, 6)), np.empty(6)
-        damping, rejections = limits.damping, 0
-        for step in range(limits.max_iterations):
-            sigma = kernels.median_scale(near.residuals, count, scale)
-            cost = kernels.plane_cost(near, count, m, sigma)
-            kernels.plane_equations(near, count, sigma, H, b)
-            A = basis.T @ H @ basis
-            along = -np.linalg.solve(A + damping * np.diag(np.diag(A)), basis.T @ b)
-            trial = se3.exp(basis @ along) @ T
-            trial_count = self._match(key, points, trial, tried)
-            if kernels.plane_cost(tried, trial_count, m, sigma) < cost:
-                T, count, near, tried = trial, trial_count, tried, near
-                damping, rejections = damping * limits.damping_down, 0
-                if np.abs(along).max(initial=0.0) < STOP:
-                    return T, step + 1, kernels.CONVERGED
-            else:
-                damping, rejections = damping * limits.damping_up, rejections + 1
-                if rejections > limits.max_rejections:
-                    return T, step + 1, kernels.STALLED
-        return T, limits.max_iterations, kernels.EXHAUSTED
 
     def _state(
         self,

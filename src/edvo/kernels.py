@@ -1894,7 +1894,9 @@ def fit_edge_depths(
     per_width = 1 / width
     most = min(depths.size, PATCHES)
     patches = np.empty(((2 * ACROSS + 1) * (2 * HALF_LENGTH + 1), most), np.float32)
-    u, v, gu, gv, noise, near, found, known = np.empty((8, most))
+    # each apart: of rows of one array loops would not know that they do not overlap
+    u, v, gu, gv = np.empty(most), np.empty(most), np.empty(most), np.empty(most)
+    noise, near, found, known = np.empty(most), np.empty(most), np.empty(most), np.empty(most)
     asked, shifts = np.empty(most, np.int64), np.zeros((most, 3))
     window = room_for_window(radius)
     for first in range(0, depths.size, PATCHES):
@@ -3550,6 +3552,68 @@ def plane_cost(matches: PlaneMatches, count: int, points: int, sigma: float) -> 
     """Sum of Tukey's losses over all points; one without a plane costs as much as the worst."""
     total = sum_losses(matches.residuals, count, 1 / (sigma * sigma), TUKEY_TUNING)
     return total + (points - count) * (TUKEY_TUNING * TUKEY_TUNING / 6)
+
+
+@compiled
+def descend_on_planes(
+    planes: PlaneMap,
+    points: PlanePoints,
+    camera: Pinhole,
+    term: DepthTerm,
+    basis: F64,
+    scale: float,
+    solver: Solver,
+    stop: float,
+    T: F64,
+) -> tuple[int, int]:
+    """Lower the cost of the distances to planes along some directions, by damped steps of ``T``.
+
+    The columns of ``basis`` (6, K) are these directions, ``scale`` is the least scale of the
+    distances; a step of less than ``stop`` along each is the last. Returns how many steps were
+    tried, and why no more.
+    """
+    m, ways = points.sigma.size, basis.shape[1]
+    near, tried = new_plane_matches(m), new_plane_matches(m)
+    count = match_planes(planes, points, camera, T, term, near)
+    H, b, half = np.empty((6, 6)), np.empty(6), np.empty((6, ways))
+    A, slope, along = np.empty((ways, ways)), np.empty(ways), np.empty(ways)
+    twist, trial = np.empty(6), np.empty((4, 4))
+    damping, rejections = solver.damping, 0
+    for step in range(solver.max_iterations):
+        sigma = median_scale(near.residuals, count, scale)
+        cost = plane_cost(near, count, m, sigma)
+        plane_equations(near, count, sigma, H, b)
+        for k in range(ways):
+            slope[k] = 0.0
+            for i in range(6):
+                slope[k] += basis[i, k] * b[i]
+                half[i, k] = 0.0
+                for j in range(6):
+                    half[i, k] += H[i, j] * basis[j, k]
+        for k in range(ways):
+            for q in range(ways):
+                A[k, q] = 0.0
+                for i in range(6):
+                    A[k, q] += basis[i, k] * half[i, q]
+        if not solve_damped(A, slope, damping, along):
+            return step, SINGULAR
+        for i in range(6):
+            twist[i] = 0.0
+            for k in range(ways):
+                twist[i] += basis[i, k] * along[k]
+        multiply(exp_se3(twist), T, trial)
+        found = match_planes(planes, points, camera, trial, term, tried)
+        if plane_cost(tried, found, m, sigma) < cost:
+            T[:] = trial
+            count, near, tried = found, tried, near
+            damping, rejections = damping * solver.damping_down, 0
+            if np.abs(along).max() < stop:
+                return step + 1, CONVERGED
+        else:
+            damping, rejections = damping * solver.damping_up, rejections + 1
+            if rejections > solver.max_rejections:
+                return step + 1, STALLED
+    return solver.max_iterations, EXHAUSTED
 
 
 @compiled

@@ -12,7 +12,7 @@ from edvo.doubt import STEPPED, Doubt
 from edvo.hunting import STRIDE
 from edvo.kit import Kit
 from edvo.planes import DepthTerm, thinned
-from edvo.registration import AT_ONCE, Alignment
+from edvo.registration import AT_ONCE, FAILURES, Alignment
 from edvo.scatter import clarity, is_clearer, is_sharper
 from edvo.seen import Seen
 from edvo.status import SURE, Status, agreement, speed_of
@@ -81,12 +81,13 @@ class Locator:
         if not self._config.motion.search_deg:
             return alignment, status, reason
         unsure = status is not Status.TRACKED or self._judge.scatter.fits_less(alignment)
+        unsure = unsure or self._leaves_out(seen, alignment)
         new = not self._judge.scatter.is_known
-        wanted = unsure or new or self._leaves_out(seen, alignment)
-        if not far and not wanted:
+        if not far and not unsure and not new:
             return alignment, status, reason
         with self._clock("search"):
-            if not far and self._begins_narrow:
+            narrow = not far and self._begins_narrow
+            if narrow and (unsure or self._promises(seen, starts, term, alignment)):
                 alignment = self._widely(seen, starts, term, alignment)
                 status, reason = self.assess(alignment, timestamp)
             if status is not Status.TRACKED or new:
@@ -303,6 +304,20 @@ class Locator:
         """
         wide = self._register(seen, starts, term, first_sigma_px=WIDE_PX)
         return self._better(found, wide, seen.frame.timestamp)
+
+    def _promises(
+        self, seen: Seen, starts: NDArray[np.float64], term: DepthTerm, found: Alignment
+    ) -> bool:
+        """Whether a few edges and points, registered widely, lie more clearly in their places.
+
+        Or so few are there at all that a few of them say nothing.
+        """
+        if 0 < len(seen.points.sigma) < STRIDE * term.min_points:
+            return True
+        points = thinned(seen.points, math.sqrt(STRIDE) * seen.points.step_px)
+        few = replace(seen, samples=seen.samples.every(STRIDE), points=points)
+        wide = self._register(few, starts, term, first_sigma_px=WIDE_PX)
+        return wide.reason in FAILURES or is_sharper(wide, found, STRIDE)
 
     def _sharpest(
         self, seen: Seen, starts: NDArray[np.float64], term: DepthTerm, found: Alignment

@@ -105,7 +105,9 @@ class Odometry:
         self._uncertainty = Uncertainty(camera, self.config, solver)
         self._shared = SharedErrors(camera, self.config, solver)
         self._instants = Instants(camera, self.config, self._registration, self._fitter, exposure)
-        self._depth_alone = DepthAlone(camera, self.config, self._fitter.term, self._uncertainty)
+        self._depth_alone = DepthAlone(
+            camera, self._registration.solver, self._fitter.term, self._uncertainty
+        )
         self.reset()
 
     def reset(self, T_world_cam: NDArray[np.float64] | None = None) -> None:
@@ -365,7 +367,10 @@ class Odometry:
 
     def _begin(self, seen: Seen) -> TrackedFrame:
         """Take the first usable frame as the first keyframe."""
-        self._upkeep.make(seen.kept(), self._record.count, None)
+        keyframe = self._upkeep.make(seen.kept(), self._record.count, None)
+        if self.config.motion.search_deg:
+            with self._clock("keyframe"):
+                keyframe.chamfer.prepare()  # as the next frame will ask for it
         self._course.last_time = timestamp = seen.frame.timestamp
         self._standing.remember(seen)
         self._doubt.begin(seen)

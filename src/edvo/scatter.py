@@ -160,7 +160,7 @@ def _fitting(alignment: Alignment) -> float:
     return alignment.inliers / max(len(alignment.matches), 1)
 
 
-def is_sharper(alignment: Alignment, other: Alignment) -> bool:
+def is_sharper(alignment: Alignment, other: Alignment, stride: int = 1) -> bool:
     """Whether a registration crowds edges more clearly in their places, and depth no worse.
 
     Light leaves two crowds of edges, and depth as it is; a shutter that rolls, or blur, widens
@@ -170,30 +170,34 @@ def is_sharper(alignment: Alignment, other: Alignment) -> bool:
     Parameters
     ----------
     alignment, other : Alignment
+    stride : int, optional
+        The first is of one edge and point in so many.
 
     Returns
     -------
     bool
     """
-    no_worse = fitting_depth(alignment) > NO_WORSE * fitting_depth(other)
-    return no_worse and is_clearer(alignment, other)
+    no_worse = stride * fitting_depth(alignment) > NO_WORSE * fitting_depth(other)
+    return no_worse and is_clearer(alignment, other, stride)
 
 
-def is_clearer(alignment: Alignment, other: Alignment) -> bool:
+def is_clearer(alignment: Alignment, other: Alignment, stride: int = 1) -> bool:
     """Whether a registration crowds edges more clearly in their places, whatever depth does.
 
     Parameters
     ----------
     alignment, other : Alignment
+    stride : int, optional
+        The first is of one edge in so many.
 
     Returns
     -------
     bool
     """
-    return clarity(alignment) > clarity(other) + CLEARLY
+    return clarity(alignment) > clarity(other, stride) + CLEARLY / stride
 
 
-def clarity(alignment: Alignment) -> float:
+def clarity(alignment: Alignment, stride: int = 1) -> float:
     """Log-likelihood of the residuals, as a crowd about zero among others spread evenly.
 
     The crowd is normal, its width and share those that make it likeliest: a narrow one that many
@@ -202,6 +206,8 @@ def clarity(alignment: Alignment) -> float:
     Parameters
     ----------
     alignment : Alignment
+    stride : int, optional
+        Of one edge in so many, to be held against a registration of these alone.
 
     Returns
     -------
@@ -210,8 +216,9 @@ def clarity(alignment: Alignment) -> float:
     """
     if alignment.reason in FAILURES:
         return -math.inf
-    counts, _ = np.histogram(np.abs(alignment.residuals), _BINS)
-    outside = len(alignment.residuals) - counts.sum()
+    residuals = np.abs(alignment.residuals[::stride])
+    counts, _ = np.histogram(residuals, _BINS)
+    outside = len(residuals) - counts.sum()
     return float((_INSIDE @ counts + outside * _OUTSIDE).max())
 
 

@@ -3,7 +3,7 @@
 A keyframe is made in the time of two frames: its edges and planes are found in that of its own,
 and the rest is made of the edges in that of the next, so that neither waits for all of it; planes,
 too, where the frame has been registered with an earlier keyframe already. Edges are added to it in
-the time of the frame after.
+the time of the frame after. What the first frame registered with it tells of it waits for the next.
 """
 
 import logging
@@ -70,10 +70,14 @@ class Upkeep:
         self._information = Information()
         self._last_good = LastGood()
         self._due: _Due | None = None
+        self._renewal: NDArray[np.float64] | None = None  # by which velocity, if one is due
 
     def catch_up(self) -> None:
-        """Make the last frame the keyframe, or add its edges to it, if that is due."""
+        """Make the last frame the keyframe, add its edges to it, or renew it, if that is due."""
         due, self._due = self._due, None
+        renewal, self._renewal = self._renewal, None
+        if renewal is not None:
+            self._renew(renewal)
         if due is not None and due.T_key_cur is not None:
             self._gather(due.seen, due.T_key_cur, due.velocity)
         elif due is not None:
@@ -147,10 +151,12 @@ class Upkeep:
             planes = None if is_late else self._planes(kept)
             self._due = _Due(kept, index, velocity, telling, planes, placed_by is not None)
         elif velocity is not None:
-            if age > 1:  # else this frame has made the keyframe, which took long enough
+            if age > 1:
                 with self._clock("registration"):
                     self._instants.go_on()
-            self._renew(velocity)
+                self._renew(velocity)
+            else:  # it has made the keyframe, or, the second of all, been looked at more closely
+                self._renewal = velocity
         return T_key_cur, due
 
     def make(self, seen: Seen, index: int, velocity: NDArray[np.float64] | None) -> Keyframe:
