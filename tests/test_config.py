@@ -66,6 +66,9 @@ BAD = [
     ("sampling.count", ["sampling.count", "KEY=VALUE"]),
     ("=3", ["KEY=VALUE"]),
     ("sampling.count=[1", ["sampling.count", "[1"]),
+    ("seed=2020-13-45", ["seed: cannot read the value '2020-13-45'"]),
+    ("seed=0b_", ["seed: cannot read the value '0b_'"]),
+    ("seed=!!int abc", ["seed: cannot read the value '!!int abc'"]),
 ]
 
 
@@ -91,10 +94,18 @@ FILES = [
     ("preset_name: best\n", ["preset_name", "best"]),
     ("preset_name: [1]\n", ["preset_name"]),
     ("1: 2\n", ["1"]),
+    ("seed: 2020-13-45\n", ["no YAML: a value that cannot be read"]),
+    (
+        "edges: {low: 10}\nsampling: {count: 9}\nedges: {high: 5}\n",
+        ["'edges' comes twice", "line 3"],
+    ),
+    ("edges: {low: 10, low: 9}\n", ["the key 'low' comes twice"]),
+    ("? [1]\n: 2\n", ["no YAML", "unhashable key"]),
+    ("[" * 100_000, ["no YAML: nested too deeply"]),
 ]
 
 
-@pytest.mark.parametrize(("content", "parts"), FILES, ids=[str(c) for c, _ in FILES])
+@pytest.mark.parametrize(("content", "parts"), FILES, ids=[str(c)[:60] for c, _ in FILES])
 def test_a_bad_file_is_refused_in_one_line_that_names_it(tmp_path, content, parts):
     path = tmp_path / "mine.yaml"
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
@@ -104,6 +115,20 @@ def test_a_bad_file_is_refused_in_one_line_that_names_it(tmp_path, content, part
     assert "\n" not in message
     for part in (str(path), *parts):
         assert part in message
+
+
+@pytest.mark.parametrize("values", [None, [1], "edges", 3])
+def test_what_are_no_keys_are_refused(values):
+    with pytest.raises(ConfigError, match="here: expected keys such as 'sampling:', got"):
+        Config.from_dict(values, where="here")
+
+
+def test_keys_may_be_merged_from_another_part(tmp_path):
+    """As YAML has it, where it is no mistake that one is there again."""
+    path = tmp_path / "mine.yaml"
+    path.write_text("sampling: {<<: &few {count: 300}, cell_px: 30, <<: *few}\n")
+    sampling = Config.load(path).sampling
+    assert (sampling.count, sampling.cell_px) == (300, 30)
 
 
 def test_a_missing_file(tmp_path):

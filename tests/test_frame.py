@@ -1,5 +1,7 @@
+import copy
 import doctest
 import math
+import pickle
 from dataclasses import FrozenInstanceError, replace
 from typing import Any
 
@@ -53,6 +55,54 @@ def test_a_good_frame_is_kept_as_it_is() -> None:
         frame.timestamp = 0.0  # type: ignore[misc]
     assert type(Frame(np.float64(3), GREY, DEPTH).timestamp) is float
     assert type(Frame(3, GREY, DEPTH).timestamp) is float
+
+
+@pytest.mark.parametrize("turn", [np.rot90, np.transpose, np.asfortranarray, np.flipud])
+def test_images_of_a_camera_that_is_mounted_otherwise_are_taken(turn: Any) -> None:
+    for flat in (MILLIMETRES, DEPTH, DEPTH.astype(np.float64)):
+        depth = flat * np.arange(1, 13).reshape(3, 4).astype(flat.dtype)
+        colour = COLOUR.swapaxes(0, 1) if turn is np.transpose else turn(COLOUR)
+        frame = Frame.from_images(0.0, colour, turn(depth))
+        upright = Frame.from_images(0.0, COLOUR, depth)
+        np.testing.assert_array_equal(frame.depth, turn(upright.depth))
+        np.testing.assert_array_equal(frame.grey, turn(upright.grey))
+
+
+@pytest.mark.parametrize("again", [pickle.dumps, copy.deepcopy, copy.copy, Frame.kept])
+def test_no_copy_can_be_written_to(again: Any) -> None:
+    """Or the next step of a tracker would wait for the compiler."""
+    other = again(Frame(1.0, GREY.copy(), DEPTH.copy(), 0.25))
+    other = pickle.loads(other) if again is pickle.dumps else other
+    assert (other.timestamp, other.depth_delay) == (1.0, 0.25)
+    for image, source in ((other.grey, GREY), (other.depth, DEPTH)):
+        assert not image.flags.writeable
+        np.testing.assert_array_equal(image, source)
+
+
+@pytest.mark.parametrize("seconds", [math.nan, math.inf, "x", None])
+def test_the_delay_of_depth_is_a_number(seconds: Any) -> None:
+    with pytest.raises(FrameError, match=r"depth_delay is .*; give finite seconds"):
+        Frame(1.0, GREY, DEPTH).delayed(seconds)
+    with pytest.raises(FrameError, match=r"depth_delay is .*; give finite seconds"):
+        Frame(1.0, GREY, DEPTH, seconds)
+
+
+def test_a_time_that_no_float_holds_is_refused() -> None:
+    with pytest.raises(FrameError, match=r"timestamp is 1000.*; give finite seconds"):
+        Frame.from_images(10**400, COLOUR, MILLIMETRES)
+
+
+@pytest.mark.parametrize("scale", ["x", None, 0, -1.0, math.nan, math.inf, 1e-40, 10**400])
+def test_a_scale_of_depth_that_cannot_be_is_refused(scale: Any) -> None:
+    with pytest.raises(FrameError, match=r"depth_scale is .*; give the depth value of one"):
+        Frame.from_images(0.0, COLOUR, MILLIMETRES, depth_scale=scale)
+
+
+def test_a_mask_is_not_passed_over() -> None:
+    masked = np.ma.masked_less(DEPTH, 2.0)
+    for make in (Frame, Frame.from_images):
+        with pytest.raises(FrameError, match=r"depth is a masked array; give depth.filled\(0\)"):
+            make(0.0, GREY, masked)
 
 
 def test_images_that_somebody_may_write_to_are_copied_to_be_kept() -> None:
@@ -381,8 +431,10 @@ def test_a_point_that_touches_the_colour_camera_does_not_cover_its_image() -> No
         (MILLIMETRES, np.eye(4), "depth is uint16 4x3; register_depth wants metres"),
         (DEPTH, np.eye(4), "depth is float32 4x3; .* of the depth camera's 160x120"),
         (None, np.eye(4), "depth is NoneType"),
-        (np.ones((120, 160)), np.eye(3), r"T_colour_depth is of shape \(3, 3\)"),
-        (np.ones((120, 160)), np.full((4, 4), np.nan), "give a finite 4x4 matrix"),
+        (np.ones((120, 160)), np.eye(3), "T_colour_depth is no rigid motion; give a 4x4 matrix"),
+        (np.ones((120, 160)), np.full((4, 4), np.nan), "T_colour_depth is no rigid motion"),
+        (np.ones((120, 160)), np.ones((4, 4)), "T_colour_depth is no rigid motion"),
+        (np.ones((120, 160)), "x", "T_colour_depth is no rigid motion"),
     ],
 )
 def test_bad_registrations_are_refused(depth: Any, T: Any, message: str) -> None:

@@ -1,3 +1,4 @@
+import copy
 import logging
 import threading
 from dataclasses import replace
@@ -10,7 +11,7 @@ import pytest
 from edvo import se3
 from edvo.clock import StageClock
 from edvo.config import PRESETS, Config
-from edvo.errors import FrameError, TrajectoryError
+from edvo.errors import ConfigError, FrameError, TrajectoryError
 from edvo.frame import Frame
 from edvo.odometry import Odometry, Status, TrackedFrame
 
@@ -595,6 +596,45 @@ def test_skip(room, caplog):
     assert results[0].index == 11
     assert errors(results, truth[11:])[0] < 0.02
     assert len(odometry.trajectory) == len(frames) - 1
+
+
+@pytest.mark.parametrize("stamp", [np.nan, np.inf, "12 o'clock", None])
+def test_a_frame_that_could_not_be_had_has_a_time_all_the_same(room, stamp):
+    frames, _ = room
+    for count in (0, 3):
+        odometry, _ = track(frames[:count])
+        with pytest.raises(FrameError, match=r"timestamp is .*; give finite seconds"):
+            odometry.skip(stamp, "unread")
+        assert len(odometry.trajectory) == count
+        assert odometry.track(frames[count]).index == count
+
+
+@pytest.mark.parametrize("given", [None, np.zeros((240, 320), np.uint8), "frame"])
+def test_what_is_no_frame_is_refused(room, given):
+    odometry, _ = track(room[0][:2])
+    with pytest.raises(FrameError, match=r"frame is \w+; give a Frame, as Frame.from"):
+        odometry.track(given)
+    assert odometry.track(room[0][2]).status is Status.TRACKED
+
+
+def test_what_is_no_configuration_is_refused():
+    with pytest.raises(ConfigError, match=r"config is 'paper'; give a Config, as Config.preset"):
+        Odometry(CAMERA, "paper")
+
+
+def test_results_can_be_told_apart(room):
+    """By which they are: their arrays have no truth value."""
+    _, results = track(room[0][:2])
+    assert results[0] == results[0]
+    assert results[0] != copy.deepcopy(results[0])
+    assert len(set(results)) == 2
+
+
+def test_without_logging_set_up_nothing_is_printed(room, capfd, monkeypatch):
+    monkeypatch.setattr(logging.getLogger(), "handlers", [])
+    odometry, _ = track(room[0][:2])
+    odometry.skip(room[0][2].timestamp, "unread")
+    assert capfd.readouterr() == ("", "")
 
 
 def test_reset(room):

@@ -190,3 +190,7 @@ def test_of_equal_stamps_of_a_tracker_the_first_is_kept():
     assert found.stamps == ("a", "b")
     assert found.poses[:, 0, 3].tolist() == [1.0, 0.0]
     assert len(Trajectory.from_frames([], [])) == 0
+    with pytest.raises(TrajectoryError, match="3 timestamps, 4 poses; give one of each a frame"):
+        Trajectory.from_frames([0.1, 0.2, 0.3], poses)
+    with pytest.raises(TrajectoryError, match="4 timestamps, 4 poses, 1 stamps; give one of each"):
+        Trajectory.from_frames([0.1, 0.2, 0.3, 0.4], poses, ["a"])

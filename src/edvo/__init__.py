@@ -1,8 +1,11 @@
 """edvo: the pose of an RGB-D camera, frame by frame, from image edges.
 
-The public names are loaded when first used, so that ``import edvo`` is instant.
+The public names are loaded when first used, so that ``import edvo`` is instant. What happens on the
+way, as frames that are lost, is told to the logger ``edvo``, and shown only where an application
+sets up logging.
 """
 
+import logging
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +21,8 @@ if TYPE_CHECKING:
     from edvo.odometry import Status as Status
     from edvo.odometry import TrackedFrame as TrackedFrame
     from edvo.trajectory import Trajectory as Trajectory
+
+logging.getLogger("edvo").addHandler(logging.NullHandler())
 
 _HOME = {
     "Camera": "edvo.camera",

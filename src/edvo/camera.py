@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from edvo.errors import CameraError
 from edvo.files import write_atomically
+from edvo.plain_yaml import read_plain
 
 _POSITIVE = ("width", "height", "fx", "fy", "depth_scale")
 _COEFFICIENTS = "k1 k2 p1 p2 k3"
@@ -141,7 +142,7 @@ class Camera:
             If the file is missing or no YAML, or the camera in it impossible.
         """
         try:
-            data = yaml.safe_load(Path(path).read_text(encoding="utf-8-sig"))
+            data = read_plain(Path(path).read_text(encoding="utf-8-sig"))
         except OSError as error:
             raise CameraError(
                 f"cannot read {path}: {error.strerror or error}; give a camera file"
@@ -154,12 +155,6 @@ class Camera:
             problem = getattr(error, "problem", None) or "it cannot be parsed"
             raise CameraError(
                 f"{path} is no YAML: {problem}{line}; write one 'key: value' a line"
-            ) from error
-        except (ValueError, RecursionError) as error:  # PyYAML's own, of values and nesting
-            deep = isinstance(error, RecursionError)
-            problem = "nested too deeply" if deep else "a value that cannot be read"
-            raise CameraError(
-                f"{path} is no camera: {problem}; write one 'key: value' a line"
             ) from error
         return cls.from_dict(data, where=str(path))
 

@@ -22,6 +22,7 @@ from pydantic import (
 
 from edvo.errors import ConfigError
 from edvo.files import write_atomically
+from edvo.plain_yaml import read_plain
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -644,8 +645,10 @@ class Config(Section):
         Raises
         ------
         ConfigError
-            Naming the first key that is unknown or out of range.
+            Naming the first key that is unknown or out of range; or if these are no keys.
         """
+        if not isinstance(values, Mapping):
+            raise ConfigError(f"{where}: expected keys such as 'sampling:', got {values!r:.60}")
         name = values.get("preset_name", "default")
         base: Mapping[str, Any] = PRESETS.get(name, {}) if isinstance(name, str) else {}
         try:
@@ -676,17 +679,13 @@ class Config(Section):
             If the file cannot be read, is no YAML mapping, or has a bad key or value.
         """
         try:
-            values = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+            values = read_plain(Path(path).read_text(encoding="utf-8"))
         except OSError as error:
             raise ConfigError(f"cannot read {path}: {error.strerror or error}") from error
         except (yaml.YAMLError, UnicodeDecodeError) as error:
             reason = " ".join(str(error).split())
             raise ConfigError(f"{path} is no YAML: {reason}") from error
-        if values is None:
-            values = {}
-        if not isinstance(values, dict):
-            raise ConfigError(f"{path}: expected keys such as 'sampling:', got {values!r:.60}")
-        return cls.from_dict(values, where=str(path))
+        return cls.from_dict({} if values is None else values, where=str(path))
 
     def with_overrides(self, assignments: Iterable[str]) -> "Config":
         """Copy with some keys set, as on the command line.
@@ -711,7 +710,7 @@ class Config(Section):
             if not equals or not key.strip():
                 raise ConfigError(f"{assignment!r} is no KEY=VALUE, such as sampling.count=900")
             try:
-                value = yaml.safe_load(text)
+                value = read_plain(text)
             except yaml.YAMLError as error:
                 raise ConfigError(f"{key}: cannot read the value {text!r}") from error
             if key.strip() == "preset_name":

@@ -275,13 +275,10 @@ class Course:
 
 def _checked(T: NDArray[np.float64]) -> NDArray[np.float64]:
     """Copy of a pose that came from outside, or an error."""
-    T = np.asarray(T, np.float64)
-    if T.shape == (4, 4) and np.isfinite(T).all():
-        R = T[:3, :3]
-        turns = np.abs(R @ R.T - np.eye(3)).max() < 1e-3 and np.linalg.det(R) > 0
-        if turns and (T[3] == (0, 0, 0, 1)).all():
-            return rigid(T)
+    motion = se3.checked(T)
+    if motion is not None:
+        return rigid(motion)
     raise TrajectoryError(
-        f"T_world_cam is no rigid motion: {T.shape} {T.ravel().tolist()!s:.60}; give a 4 x 4 "
-        "matrix of a rotation and a translation"
+        f"T_world_cam is no rigid motion: {' '.join(repr(T).split()):.60}; give a 4 x 4 matrix of "
+        "a rotation and a translation"
     )

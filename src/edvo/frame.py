@@ -9,13 +9,15 @@ Arrays are kept as they are given, not copied: do not write into them while the 
 import copy
 import functools
 import math
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from edvo import se3
 from edvo.camera import Camera
 from edvo.errors import FrameError, NoDepthError
 
@@ -28,6 +30,7 @@ _GREY_CODES = {
 # Of a depth pixel's image, per side, pixels: a point that nearly touches the colour camera would
 # otherwise cover all of it.
 _LARGEST_FOOTPRINT = 16
+LEAST_SCALE = 1e-3  # by less the largest depth value would be 65,000 km
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,14 +69,7 @@ class Frame:
 
     def __post_init__(self) -> None:
         for name in ("timestamp", "depth_delay"):
-            given = getattr(self, name)
-            try:
-                seconds = float(given)
-            except (TypeError, ValueError):
-                seconds = math.nan
-            if not math.isfinite(seconds):
-                raise FrameError(f"{name} is {given!r}; give finite seconds")
-            object.__setattr__(self, name, seconds)
+            object.__setattr__(self, name, finite_seconds(name, getattr(self, name)))
         _check_image("grey", self.grey, np.dtype(np.uint8))
         _check_image("depth", self.depth, np.dtype(np.float32))
         _check_same_size("grey", self.grey, self.depth)
@@ -86,7 +82,15 @@ class Frame:
             )
         if high == 0.0:
             raise NoDepthError("depth has no valid value; all pixels are missing")
-        # Read-only always: compiled code takes a writable array for another type.
+        self._close()
+
+    def __setstate__(self, state: Sequence[Any]) -> None:
+        for each, value in zip(fields(self), state, strict=True):
+            object.__setattr__(self, each.name, value)
+        self._close()
+
+    def _close(self) -> None:
+        """Let nobody write; always, as compiled code takes a writable array for another type."""
         for name in ("grey", "depth"):
             view = getattr(self, name).view()
             view.setflags(write=False)
@@ -162,9 +166,14 @@ class Frame:
         -------
         Frame
             Of the same images.
+
+        Raises
+        ------
+        FrameError
+            If they are not finite.
         """
         other = copy.copy(self)  # not looked through again
-        object.__setattr__(other, "depth_delay", seconds)
+        object.__setattr__(other, "depth_delay", finite_seconds("depth_delay", seconds))
         object.__setattr__(other, "_copy", None)
         return other
 
@@ -182,12 +191,39 @@ class Frame:
             return self._copy
         other = copy.copy(self)  # not looked through again
         for name in ("grey", "depth"):
-            image = getattr(self, name).copy()
-            image.setflags(write=False)  # as all frames have it
-            object.__setattr__(other, name, image)
+            object.__setattr__(other, name, getattr(self, name).copy())
+        other._close()
         object.__setattr__(other, "is_own", True)
         object.__setattr__(self, "_copy", other)
         return other
+
+
+def finite_seconds(name: str, given: object) -> float:
+    """Read a time that was given.
+
+    Parameters
+    ----------
+    name : str
+        What to call it in an error.
+    given : object
+        Seconds.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    FrameError
+        If it is no finite number.
+    """
+    try:
+        seconds = float(given)  # type: ignore[arg-type]
+    except (TypeError, ValueError, OverflowError):
+        seconds = math.nan
+    if not math.isfinite(seconds):
+        raise FrameError(f"{name} is {given!r:.60}; give finite seconds")
+    return seconds
 
 
 def register_depth(
@@ -216,7 +252,7 @@ def register_depth(
     Raises
     ------
     FrameError
-        If the depth image or the motion has another shape or type.
+        If the depth image has another shape or type, or the motion is no rigid one.
     """
     depth = _array("depth", depth)
     if depth.dtype.kind != "f" or depth.shape != (depth_camera.height, depth_camera.width):
@@ -224,9 +260,11 @@ def register_depth(
             f"depth is {depth.dtype} {_size(depth)}; register_depth wants metres (float32) of "
             f"the depth camera's {depth_camera.width}x{depth_camera.height}"
         )
-    T = np.asarray(T_colour_depth, dtype=np.float64)
-    if T.shape != (4, 4) or not np.isfinite(T).all():
-        raise FrameError(f"T_colour_depth is of shape {T.shape}; give a finite 4x4 matrix")
+    T = se3.checked(T_colour_depth)
+    if T is None:
+        raise FrameError(
+            "T_colour_depth is no rigid motion; give a 4x4 matrix of a rotation and a translation"
+        )
 
     from edvo import kernels  # the reader of a single camera need not wait for the compiler
 
@@ -291,10 +329,14 @@ def _to_metres(depth: NDArray[Any], depth_scale: float) -> NDArray[np.float32]:
         raise FrameError(f"depth has shape {depth.shape}; give (H, W)")
     kind, size = depth.dtype.kind, depth.dtype.itemsize  # whatever the byte order
     if kind == "u" and size == 2:
-        if not (math.isfinite(depth_scale) and depth_scale > 0.0):
-            raise FrameError(f"depth_scale is {depth_scale}; give the depth value of one metre")
-        metres = depth.astype(np.float32)
-        metres /= np.float32(depth_scale)
+        try:
+            scale = float(depth_scale)
+        except (TypeError, ValueError, OverflowError):
+            scale = math.nan
+        if not LEAST_SCALE < scale < math.inf:
+            raise FrameError(f"depth_scale is {depth_scale!r}; give the depth value of one metre")
+        metres = depth.astype(np.float32, order="C")  # the image may be a turned one
+        metres /= np.float32(scale)
         return metres
     if kind != "f" or size not in (4, 8):
         raise FrameError(f"depth is {depth.dtype}; give uint16 with depth_scale, or float32 metres")
@@ -310,6 +352,8 @@ def _array(name: str, image: Any) -> NDArray[Any]:
         raise FrameError(
             f"{name} is {type(image).__name__}; give a NumPy array (None: the file was not read)"
         )
+    if isinstance(image, np.ma.MaskedArray):
+        raise FrameError(f"{name} is a masked array; give {name}.filled(0), or a plain one")
     if image.size == 0:
         raise FrameError(f"{name} has shape {image.shape}; give an image with pixels")
     return image

@@ -22,9 +22,9 @@ from edvo.depth_alone import DepthAlone
 from edvo.detail import Detail, usual_detail, worthwhile_detail
 from edvo.doubt import ASTRAY, WAS_LOOSE, Doubt
 from edvo.earlier import EarlierKeyframes
-from edvo.errors import FrameError
+from edvo.errors import ConfigError, FrameError
 from edvo.exposure import Exposure
-from edvo.frame import Frame
+from edvo.frame import Frame, finite_seconds
 from edvo.freeze import FREEZE_S, Freeze
 from edvo.front_end import FrontEnd
 from edvo.inertia import Inertia
@@ -74,6 +74,11 @@ class Odometry:
     clock : Clock, optional
         Told which stage runs; see ``edvo.clock.StageClock``.
 
+    Raises
+    ------
+    ConfigError
+        If the configuration is none.
+
     Examples
     --------
     >>> camera = Camera(width=640, height=480, fx=525, fy=525, cx=319.5, cy=239.5)
@@ -85,6 +90,8 @@ class Odometry:
     def __init__(
         self, camera: Camera, config: Config | None = None, *, clock: Clock | None = None
     ) -> None:
+        if config is not None and not isinstance(config, Config):
+            raise ConfigError(f"config is {config!r:.40}; give a Config, as Config.preset('paper')")
         self.camera = camera
         self.config = config or Config()
         self._clock = clock or no_clock
@@ -210,7 +217,7 @@ class Odometry:
         Raises
         ------
         FrameError
-            If the frame is not of the camera's size.
+            If it is no frame, or not of the camera's size.
         """
         self._check_size(frame)
         self._upkeep.catch_up()
@@ -282,7 +289,13 @@ class Odometry:
         -------
         TrackedFrame
             ``LOST``, with a predicted pose.
+
+        Raises
+        ------
+        FrameError
+            If the timestamp is no finite number.
         """
+        timestamp = finite_seconds("timestamp", timestamp)
         self._upkeep.catch_up()
         self._rewind(timestamp)
         return self._lose(timestamp, reason)
@@ -358,6 +371,9 @@ class Odometry:
         return self._lose(timestamp, reason)
 
     def _check_size(self, frame: Frame) -> None:
+        if not isinstance(frame, Frame):
+            kind = type(frame).__name__
+            raise FrameError(f"frame is {kind}; give a Frame, as Frame.from_images makes it")
         height, width = frame.grey.shape
         if (width, height) != (self.camera.width, self.camera.height):
             raise FrameError(

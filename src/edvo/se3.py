@@ -131,6 +131,30 @@ def inverse(T: ArrayLike) -> NDArray[np.float64]:
     )
 
 
+def checked(T: ArrayLike) -> NDArray[np.float64] | None:
+    """Take a matrix that came from outside for a rigid motion, if it is one.
+
+    Parameters
+    ----------
+    T : array_like
+
+    Returns
+    -------
+    ndarray of float64, shape (4, 4), or None
+        The same numbers; None where it has another shape, is not finite, or is no rotation (to
+        1e-3) and translation.
+    """
+    try:
+        T = np.asarray(T, dtype=np.float64)
+    except (TypeError, ValueError):
+        return None
+    if T.shape != (4, 4) or not np.isfinite(T).all() or (T[3] != (0, 0, 0, 1)).any():
+        return None
+    R = T[:3, :3]
+    turns = np.abs(R @ R.T - np.eye(3)).max() < 1e-3 and np.linalg.det(R) > 0
+    return T if turns else None
+
+
 def compose(*motions: ArrayLike) -> NDArray[np.float64]:
     """Chain rigid motions: ``compose(T_a_b, T_b_c)`` is ``T_a_c``.
 

@@ -17,7 +17,7 @@ from edvo.trajectory import Trajectory
 logger = logging.getLogger("edvo.odometry")  # one for all that the tracker has to say
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class TrackedFrame:
     """The pose of one frame and its evidence.
 

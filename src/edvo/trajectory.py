@@ -153,7 +153,14 @@ class Trajectory:
         TrajectoryError
             As the class does.
         """
-        times, first = np.unique(np.asarray(timestamps, dtype=np.float64), return_index=True)
+        times = np.asarray(timestamps, dtype=np.float64).ravel()
+        counts = {"timestamps": len(times), "poses": len(poses)}
+        if stamps is not None:
+            counts["stamps"] = len(stamps)
+        if len(set(counts.values())) > 1:
+            told = ", ".join(f"{count} {name}" for name, count in counts.items())
+            raise TrajectoryError(f"{told}; give one of each a frame")
+        times, first = np.unique(times, return_index=True)
         texts = None if stamps is None else [stamps[i] for i in first]
         return cls.from_poses(times, [poses[i] for i in first], texts)
 

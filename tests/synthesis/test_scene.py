@@ -93,6 +93,10 @@ def test_a_file_that_is_no_scene(tmp_path: Path, text: str) -> None:
 
 
 def test_a_missing_file(tmp_path: Path) -> None:
+    for text, said in (("a: 2020-13-45", "a value that cannot be read"), ("a: 1\na: 2", "twice")):
+        (tmp_path / "bad.yaml").write_text(text)
+        with pytest.raises(SceneError, match=rf"bad\.yaml: not YAML: .*{said}"):
+            load_scene(tmp_path / "bad.yaml")
     with pytest.raises(SceneError, match=r"cannot read .*none\.yaml"):
         load_scene(tmp_path / "none.yaml")
 

@@ -14,6 +14,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from edvo.errors import SceneError
+from edvo.plain_yaml import read_plain
 from edvo.synthesis.light import DirectionalLight, LightState, PointLight
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
@@ -414,6 +415,6 @@ def _packaged(name: str) -> dict[str, Any]:
 def _parse(text: str, where: str) -> Any:
     """Read YAML, with an error that names the file."""
     try:
-        return yaml.safe_load(text)
+        return read_plain(text)
     except yaml.YAMLError as error:
         raise SceneError(f"{where}: not YAML: {' '.join(str(error).split())}") from error
