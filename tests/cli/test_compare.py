@@ -4,6 +4,7 @@ import csv
 import importlib.util
 import json
 import shutil
+import signal
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -319,14 +320,18 @@ def test_a_full_disk_leaves_nothing_half(
     assert not list(tmp_path.rglob(".*"))
 
 
-def test_interrupted(whole_sequence: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("how", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_interrupted(
+    whole_sequence: Path, tmp_path: Path, how: signal.Signals, status: int
+) -> None:
     both = (whole_sequence, "synth:texture_far")  # the other one is not reached
     done = interrupted(
         "compare.progress = progress",
         *("compare", *both, "--with", "opencv-rgb", "-o", tmp_path),
         steps=25,
+        how=how,
     )
-    assert done.status == 130, done.err
+    assert done.status == status, done.err
     assert "interrupted after 0 of 2 sequences" in done.err
     (sequence,) = read(tmp_path)["sequences"]
     assert sequence["interrupted"] is True

@@ -1,4 +1,4 @@
-"""Ctrl-C: what was tracked is written, and complete."""
+"""Ctrl-C and SIGTERM: what was tracked is written, and complete."""
 
 import json
 import signal
@@ -25,10 +25,13 @@ def written(folder: Path) -> int:
     return len(found)
 
 
-def test_from_outside(whole_sequence: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("how", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_from_outside(
+    whole_sequence: Path, tmp_path: Path, how: signal.Signals, status: int
+) -> None:
     command = ("run", whole_sequence, "-o", tmp_path)
-    done = interrupted("run.progress = progress", *command, steps=10)
-    assert done.status == 130
+    done = interrupted("run.progress = progress", *command, steps=10, how=how)
+    assert done.status == status
     assert "interrupted after 10 of 36 frames" in done.err
     assert "Traceback" not in done.err
     assert written(tmp_path) == 10
@@ -43,6 +46,7 @@ def test_frame_in_hand_is_finished(
     assert "interrupted after 7 of 36 frames" in done.err
     assert written(tmp_path) == 7
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
 
 
 def test_before_the_first_frame(

@@ -15,7 +15,6 @@ import cv2
 import typer
 
 from edvo.baselines.registry import EDVO_NAMES, ZERO_MOTION, baseline_names
-from edvo.cli import INTERRUPTED
 from edvo.cli.compiling import compile_now
 from edvo.cli.interrupt import stop_on_interrupt
 from edvo.cli.recording import open_recording
@@ -120,7 +119,7 @@ def compare(
     if interrupted:
         whole = sum(not each.interrupted for each in results.comparisons)
         note(f"interrupted after {whole} of {len(jobs)} sequences; what was done is shown")
-        raise typer.Exit(INTERRUPTED)
+        raise typer.Exit(stop.status)
     for each in results.comparisons:
         if each.unreadable and len(each.unreadable) == each.frames:
             raise DatasetError(f"{each.name}: no frame could be read; {each.unreadable[0]}")

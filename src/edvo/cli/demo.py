@@ -8,7 +8,6 @@ import typer
 
 from edvo.baselines.opencv import opencv_odometry
 from edvo.camera import Camera
-from edvo.cli import INTERRUPTED
 from edvo.cli.compiling import compile_now
 from edvo.cli.configuration import configure
 from edvo.cli.interrupt import stop_on_interrupt
@@ -61,7 +60,7 @@ def demo(out: Path, *, scene: str, seconds: float, preset: str | None, seed: int
     runs = dict(zip(trackers, tracked, strict=True))
     if runs[EDVO].interrupted:
         note("interrupted; nothing is written")
-        raise typer.Exit(INTERRUPTED)
+        raise typer.Exit(stop.status)
     scores = {
         name: evaluate(truth, run.trajectory(), len(run.frames)) for name, run in runs.items()
     }

@@ -1,7 +1,6 @@
 """`edvo live`."""
 
 import math
-import signal
 import time
 from collections import deque
 from collections.abc import Callable
@@ -89,9 +88,8 @@ def _names_sensor(config_file: Path | None, overrides: list[str]) -> bool:
 def _track(
     device: Device, mask: Mask | None, shown: Shown, max_frames: int | None, clock: StageClock
 ) -> tuple[Run, EdvoError | None]:
-    # Who runs a camera as a service ends it by SIGTERM, and wants the results too.
     with (
-        stop_on_interrupt((signal.SIGINT, signal.SIGTERM)) as stop,
+        stop_on_interrupt() as stop,
         status_line(f"{device.name}: waiting for a frame") as show,
     ):
         line = _Line(show)

@@ -5,7 +5,6 @@ from pathlib import Path
 import cv2
 import typer
 
-from edvo.cli import INTERRUPTED
 from edvo.cli.compiling import compile_now
 from edvo.cli.configuration import configure
 from edvo.cli.extras import Extras
@@ -94,7 +93,7 @@ def run(
             f"interrupted after {len(done.frames)} of {done.wanted} frames; "
             f"{folder} holds all that was tracked"
         )
-        raise typer.Exit(INTERRUPTED)
+        raise typer.Exit(stop.status)
     if not done.track_times.size:
         raise DatasetError(f"no frame could be read; the first: {done.problems[0]}")
 
