@@ -166,3 +166,13 @@ def test_output_folder_that_is_a_file(tmp_path: Path) -> None:
     for path in (tmp_path / "file", tmp_path / "file" / "below"):
         with pytest.raises(OutputError, match=r"cannot write into .*; choose another folder"):
             output_folder(path)
+
+
+def test_what_stands_in_the_way_of_a_file_is_named(tmp_path: Path) -> None:
+    (tmp_path / "poses.txt").mkdir()
+    (tmp_path / "colmap").write_text("no folder")
+    with pytest.raises(OutputError, match=r"poses\.txt: a folder stands there"):
+        output_folder(tmp_path, files=["free.txt", "poses.txt"])
+    with pytest.raises(OutputError, match=r"images\.txt: .*colmap is a file"):
+        output_folder(tmp_path, files=["colmap/images.txt"])
+    assert output_folder(tmp_path, files=["free.txt", "new/free.txt"]) == tmp_path

@@ -4,6 +4,7 @@ import contextlib
 import os
 import secrets
 import tempfile
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from edvo.errors import OutputError
@@ -45,8 +46,41 @@ def write_atomically(path: str | os.PathLike[str], content: bytes | str) -> None
                 aside.unlink(missing_ok=True)
 
 
+class Unwritten:
+    """Lets the next file be written though one could not be, and fails at the end.
+
+    What took minutes to compute is not lost because one of its files cannot be written.
+    """
+
+    def __init__(self) -> None:
+        self._first: OutputError | None = None
+
+    @contextlib.contextmanager
+    def noted(self) -> Iterator[None]:
+        """Take note of a file that cannot be written, and go on behind the block."""
+        try:
+            yield
+        except OutputError as error:
+            self._first = self._first or error
+
+    def check(self) -> None:
+        """Fail if a file could not be written.
+
+        Raises
+        ------
+        OutputError
+            The first one that was noted.
+        """
+        if self._first is not None:
+            raise self._first
+
+
 def output_folder(
-    path: str | os.PathLike[str], *, must_be_empty: bool = False, force: bool = False
+    path: str | os.PathLike[str],
+    *,
+    files: Sequence[str] = (),
+    must_be_empty: bool = False,
+    force: bool = False,
 ) -> Path:
     """Make a folder for results and see that it takes files.
 
@@ -54,6 +88,8 @@ def output_folder(
     ----------
     path : path-like
         Made with its parents where it is missing.
+    files : sequence of str
+        What will be written there, so that what stands in the way is told before it takes time.
     must_be_empty : bool
         Refuse a folder that holds anything.
     force : bool
@@ -67,7 +103,8 @@ def output_folder(
     Raises
     ------
     OutputError
-        If it is a file, cannot be made or written, or is not empty where it must be.
+        If it is a file, cannot be made or written, or is not empty where it must be; or if a
+        folder stands where a file is to be, or a file where a folder is.
     """
     folder = Path(path)
     try:
@@ -81,4 +118,20 @@ def output_folder(
         ) from error
     if filled and not force:
         raise OutputError(f"{folder} is not empty; choose another folder or add --force")
+    for name in files:
+        _check_place(folder, name)
     return folder
+
+
+def _check_place(folder: Path, name: str) -> None:
+    file = folder / name
+    if file.is_dir():
+        raise OutputError(
+            f"cannot write {file}: a folder stands there; move it or choose another folder"
+        )
+    for parent in file.relative_to(folder).parents:
+        if (folder / parent).exists() and not (folder / parent).is_dir():
+            raise OutputError(
+                f"cannot write {file}: {folder / parent} is a file; move it or choose another "
+                "folder"
+            )

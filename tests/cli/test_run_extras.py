@@ -14,6 +14,8 @@ import cv2
 import numpy as np
 import pytest
 
+from edvo import files
+from edvo.export.registry import FILES
 from edvo.trajectory import Trajectory
 
 from .conftest import Command, full_disk, make_sequence
@@ -262,6 +264,7 @@ def test_exports(edvo: Command, odd_sequence: Path, tmp_path: Path) -> None:
     options = [word for kind in EXPORTED for word in ("--export", kind)]
     done = edvo("run", odd_sequence, "-o", tmp_path, "--start", 4, "--stride", 2, *options)
     assert done.status == 0, done.err
+    assert {kind: list(FILES[kind]) for kind in EXPORTED} == EXPORTED
     for file in chain(*EXPORTED.values()):
         assert (tmp_path / file).stat().st_size > 0
         assert file in done.out
@@ -319,6 +322,32 @@ def test_full_disk_leaves_the_results(edvo: Command, whole_sequence: Path, tmp_p
         "summary.json",
         "config.yaml",
     }
+
+
+@pytest.mark.parametrize("name", ["trajectory.txt", "kitti_poses.txt", "report.html"])
+def test_a_folder_in_the_way_is_told_before_anything_is_done(
+    edvo: Command, whole_sequence: Path, tmp_path: Path, name: str
+) -> None:
+    (tmp_path / name).mkdir()
+    done = edvo("run", whole_sequence, "-o", tmp_path, "--report", "--export", "kitti")
+    assert (done.status, done.out) == (1, "")
+    assert done.err.startswith(f"edvo: cannot write {tmp_path / name}: a folder stands there")
+    assert done.err.count("\n") == 1
+    assert [file.name for file in tmp_path.iterdir()] == [name]
+
+
+def test_a_file_that_cannot_be_written_leaves_the_others(
+    edvo: Command, whole_sequence: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("trajectory.txt", "kitti_poses.txt"):  # as if they came while it ran
+        (tmp_path / name).mkdir()
+    monkeypatch.setattr(files, "_check_place", lambda folder, name: None)
+    kinds = ("--export", "kitti", "--export", "euroc")
+    done = edvo("run", whole_sequence, "-o", tmp_path, "--max-frames", 5, *kinds)
+    assert done.status == 1
+    assert f"cannot write {tmp_path / 'trajectory.txt'}" in done.err.splitlines()[-1]
+    written = ("frames.csv", "summary.json", "config.yaml", "kitti_times.txt", "euroc.csv")
+    assert all((tmp_path / name).stat().st_size for name in written)
 
 
 def test_nothing_to_export(edvo: Command, sequence: Path, tmp_path: Path) -> None:

@@ -37,6 +37,7 @@ DEFAULT_PEERS = ("opencv-rgbd", "opencv-rgb")
 """Whom edvo is compared with where nobody is named: the best of what the base install has."""
 
 MARKDOWN, CSV, JSON = "compare.md", "compare.csv", "compare.json"
+FILES = (MARKDOWN, CSV, JSON)
 TRAJECTORIES = "trajectories"
 NAME_MARK = "{name}"
 """In the file name of a trajectory it stands for the name of the sequence."""
@@ -96,7 +97,7 @@ def compare(
         indices = choose_frames(source, start=start, max_frames=max_frames, stride=stride)
         jobs.append(Job(source, indices, _read(files, source.name)))
     _check_names(peers, systems, files, jobs[0].source)
-    results = Results(None if out is None else output_folder(out))
+    results = Results(None if out is None else output_folder(out, files=FILES))
     for job in jobs:
         for warning in job.source.warnings:
             note(f"warning: {job.source.name}: {warning}")

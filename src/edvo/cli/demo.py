@@ -29,7 +29,7 @@ from edvo.report.demo import (
     renderer_compiling_aside,
 )
 from edvo.report.plots import draw_scenes
-from edvo.report.results import TRAJECTORY, write_results
+from edvo.report.results import RESULTS, TRAJECTORY, write_results
 from edvo.report.tracking import Tracker, track_together
 
 ANIMATION = "demo.webp"
@@ -44,7 +44,7 @@ def demo(out: Path, *, scene: str, seconds: float, preset: str | None, seed: int
     config = configure(preset, None, [], seed)
     recipe = demo_recipe(scene, seconds=seconds, seed=seed)
     truth = recipe.truth()
-    folder = output_folder(out)
+    folder = output_folder(out, files=[*RESULTS, TRUTH, PICTURE, ANIMATION])
     cv2.setNumThreads(1)
     with renderer_compiling_aside():
         compile_now(config)

@@ -7,7 +7,7 @@ from edvo.cli.terminal import note
 from edvo.config import Config
 from edvo.evaluation import Evaluation
 from edvo.export.edge_map import EdgeMap
-from edvo.files import write_atomically
+from edvo.files import Unwritten, write_atomically
 from edvo.odometry import Odometry, Status
 from edvo.report.tracking import Run
 from edvo.report.watch import Watch
@@ -37,6 +37,25 @@ class Extras:
             from edvo.export.registry import check_kinds
 
             check_kinds(exports)
+
+    def files(self) -> list[str]:
+        """Name the files that will be written.
+
+        Returns
+        -------
+        list of str
+            Relative to the folder.
+        """
+        files: list[str] = []
+        if self._report:
+            from edvo.report.run_page import PAGE
+
+            files.append(PAGE)
+        if self._exports:
+            from edvo.export.registry import FILES
+
+            files += [file for kind in self._exports for file in FILES[kind]]
+        return files
 
     def watch(self, odometry: Odometry, frames: int) -> Watch:
         """Give a tracker that keeps what will be needed, which may be nothing.
@@ -91,19 +110,23 @@ class Extras:
         Raises
         ------
         OutputError
-            If a file cannot be written.
+            If a file cannot be written; the others are.
         """
         written: list[str] = []
+        unwritten = Unwritten()
         if self._report and run.frames:
             from edvo.datasets.inspection import inspect
             from edvo.report.run_page import PAGE, page
 
             warnings = [*run.source.warnings, *inspect(run.source)]
             html = page(run, config, errors, watch, self._map.points(), warnings)
-            write_atomically(folder / PAGE, html)
-            written.append(PAGE)
+            with unwritten.noted():
+                write_atomically(folder / PAGE, html)
+                written.append(PAGE)
         if self._exports:
-            written += self._export(run, indices, folder)
+            with unwritten.noted():
+                written += self._export(run, indices, folder)
+        unwritten.check()
         return written
 
     def _export(self, run: Run, indices: Sequence[int], folder: Path) -> list[str]:

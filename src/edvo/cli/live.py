@@ -12,7 +12,7 @@ import cv2
 from edvo.cli.compiling import compile_now
 from edvo.cli.configuration import configure
 from edvo.cli.interrupt import stop_on_interrupt
-from edvo.cli.run import errors_of, tell
+from edvo.cli.run import errors_of, tell, tell_files
 from edvo.cli.terminal import note, say, status_line
 from edvo.cli.view import View
 from edvo.clock import StageClock
@@ -22,7 +22,7 @@ from edvo.errors import DatasetError, EdvoError
 from edvo.files import output_folder
 from edvo.odometry import Odometry, Status
 from edvo.report.live import Seen, track_device
-from edvo.report.results import write_results
+from edvo.report.results import RESULTS, write_results
 from edvo.report.tracking import FrameRecord, Run
 from edvo.report.viewer_tracker import Shown
 
@@ -57,7 +57,7 @@ def live(
         if device.sensor is not None and not _names_sensor(config_file, overrides):
             config = config.with_overrides([f"planes.sensor={device.sensor}"])
             note(f"{device.name}: depth is taken to be as noisy as a {device.sensor}'s")
-        folder = output_folder(out)
+        folder = output_folder(out, files=RESULTS)
         cv2.setNumThreads(1)
         compile_now(config)
         clock = StageClock()
@@ -68,10 +68,11 @@ def live(
             if not done.frames:
                 raise failure or DatasetError(f"{device.name}: no frame came before the end")
             errors = errors_of(done)
-            write_results(done, folder, config, errors)
             total = len(done.frames) + done.dropped
             note(f"dropped {done.dropped} of {total} frames to keep up with the camera")
-            tell(done, folder, errors)
+            tell(done, errors)
+            write_results(done, folder, config, errors)
+            tell_files(folder)
     if failure is not None:
         raise DatasetError(f"{failure}; {folder} holds all that was tracked")
     if not done.track_times.size:

@@ -17,9 +17,9 @@ from edvo.clock import StageClock
 from edvo.datasets.masked import MaskedSource, read_mask
 from edvo.errors import DatasetError, EvaluationError
 from edvo.evaluation import Evaluation, evaluate
-from edvo.files import output_folder
+from edvo.files import Unwritten, output_folder
 from edvo.odometry import Odometry, Status
-from edvo.report.results import TRAJECTORY, write_results
+from edvo.report.results import RESULTS, TRAJECTORY, write_results
 from edvo.report.tracking import FrameRecord, Run, choose_frames, track_source
 from edvo.report.viewer_tracker import Shown
 
@@ -57,7 +57,7 @@ def run(
     if mask is not None:
         source = MaskedSource(source, read_mask(mask, source.camera))
     indices = choose_frames(source, start=start, max_frames=max_frames, stride=stride)
-    folder = output_folder(out)
+    folder = output_folder(out, files=[*RESULTS, *extras.files()])
     for warning in source.warnings:
         note(f"warning: {warning}")
     # Decoding and tracking share the cores by frames; OpenCV's own threads would only contend.
@@ -83,11 +83,16 @@ def run(
                 stop=stop,
             )
         errors = errors_of(done)
-        write_results(done, folder, config, errors)
-        tell(done, folder, errors)
-        more = extras.write(done, indices, config, errors, watch, folder)
-        if more:
-            say(f"wrote {', '.join(more)}")
+        tell(done, errors)
+        unwritten = Unwritten()
+        with unwritten.noted():
+            write_results(done, folder, config, errors)
+            tell_files(folder)
+        with unwritten.noted():
+            more = extras.write(done, indices, config, errors, watch, folder)
+            if more:
+                say(f"wrote {', '.join(more)}")
+    unwritten.check()
     if done.interrupted:
         note(
             f"interrupted after {len(done.frames)} of {done.wanted} frames; "
@@ -110,8 +115,8 @@ def errors_of(run: Run) -> Evaluation | None:
         return None
 
 
-def tell(run: Run, folder: Path, errors: Evaluation | None) -> None:
-    """Print what came of a run and where it is."""
+def tell(run: Run, errors: Evaluation | None) -> None:
+    """Print what came of a run."""
     for problem in run.problems[:_PROBLEMS_SHOWN]:
         note(f"skipped: {problem}")
     if len(run.problems) > _PROBLEMS_SHOWN:
@@ -128,4 +133,8 @@ def tell(run: Run, folder: Path, errors: Evaluation | None) -> None:
         say(score_table({"edvo": errors}))
         for line in errors.notes:
             note(line)
+
+
+def tell_files(folder: Path) -> None:
+    """Print where the results of a run are."""
     say(f"wrote {folder / TRAJECTORY}, frames.csv, summary.json, config.yaml")

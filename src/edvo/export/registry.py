@@ -17,7 +17,7 @@ from edvo.export.mesh import fuse
 from edvo.export.nerfstudio import to_nerfstudio
 from edvo.export.pixels import image_names
 from edvo.export.ply import to_ply
-from edvo.files import output_folder, write_atomically
+from edvo.files import Unwritten, output_folder, write_atomically
 from edvo.report.plots import direction_colours
 from edvo.trajectory import Trajectory
 
@@ -89,14 +89,17 @@ def export(names: Sequence[str], material: Material, folder: Path) -> list[str]:
     Raises
     ------
     OutputError
-        If a file cannot be written.
+        If a file cannot be written; the others are.
     """
-    written = []
+    written: list[str] = []
+    unwritten = Unwritten()
     for name in dict.fromkeys(names):
         for file, content in KINDS[name](material).items():
-            output_folder((folder / file).parent)
-            write_atomically(folder / file, content)
-            written.append(file)
+            with unwritten.noted():
+                output_folder((folder / file).parent)
+                write_atomically(folder / file, content)
+                written.append(file)
+    unwritten.check()
     return written
 
 
@@ -150,3 +153,13 @@ KINDS: Mapping[str, Callable[[Material], dict[str, str | bytes]]] = {
     "mesh": _mesh,
 }
 """Kinds of exports by name; each makes files by their names."""
+
+FILES: Mapping[str, Sequence[str]] = {
+    "edges": (_EDGES,),
+    "kitti": ("kitti_poses.txt", "kitti_times.txt"),
+    "euroc": ("euroc.csv",),
+    "colmap": ("colmap/cameras.txt", "colmap/images.txt", "colmap/points3D.txt"),
+    "nerfstudio": (f"nerfstudio/{_EDGES}", "nerfstudio/transforms.json"),
+    "mesh": ("mesh.ply",),
+}
+"""What each kind writes, relative to the folder."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from edvo import __version__, se3
 from edvo.config import Config
 from edvo.evaluation import Evaluation
-from edvo.files import write_atomically
+from edvo.files import Unwritten, write_atomically
 from edvo.odometry import Status
 from edvo.report.tracking import FrameRecord, Run
 
@@ -25,6 +25,7 @@ TRAJECTORY = "trajectory.txt"
 FRAMES = "frames.csv"
 SUMMARY = "summary.json"
 CONFIG = "config.yaml"
+RESULTS = (TRAJECTORY, FRAMES, SUMMARY, CONFIG)
 
 _POSE_COLUMNS = ("tx", "ty", "tz", "qx", "qy", "qz", "qw")
 _TWIST = ("x", "y", "z", "rx", "ry", "rz")
@@ -51,13 +52,19 @@ def write_results(
     Raises
     ------
     OutputError
-        If a file cannot be written.
+        If a file cannot be written; the others are.
     """
-    run.trajectory().write(folder / TRAJECTORY)
-    write_atomically(folder / FRAMES, frames_csv(run.frames))
-    config.to_yaml(folder / CONFIG)
-    summary = summarise(run, config, evaluation)
-    write_atomically(folder / SUMMARY, json.dumps(summary, indent=2) + "\n")
+    unwritten = Unwritten()
+    with unwritten.noted():
+        run.trajectory().write(folder / TRAJECTORY)
+    with unwritten.noted():
+        write_atomically(folder / FRAMES, frames_csv(run.frames))
+    with unwritten.noted():
+        config.to_yaml(folder / CONFIG)
+    with unwritten.noted():
+        summary = summarise(run, config, evaluation)
+        write_atomically(folder / SUMMARY, json.dumps(summary, indent=2) + "\n")
+    unwritten.check()
 
 
 def frames_csv(frames: Sequence[FrameRecord]) -> str:
