@@ -63,6 +63,11 @@ class Unwritten:
         except OutputError as error:
             self._first = self._first or error
 
+    @property
+    def any(self) -> bool:
+        """Whether there is one."""
+        return self._first is not None
+
     def check(self) -> None:
         """Fail if a file could not be written.
 

@@ -98,3 +98,27 @@ def test_table_lines_up() -> None:
         "x      1.0",
         "long  22.0",
     ]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
+@pytest.mark.parametrize("command", ["info", "run", "help"])
+def test_a_full_output_is_told_in_a_line(
+    whole_sequence: Path, tmp_path: Path, command: str
+) -> None:
+    arguments = {
+        "info": ["info", str(whole_sequence)],
+        "run": ["run", str(whole_sequence), "-o", str(tmp_path), "--max-frames", "3"],
+        "help": ["--help"],
+    }[command]
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "edvo", *arguments],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+    assert done.returncode == 1
+    last = done.stderr.splitlines()[-1]
+    assert last.startswith("edvo: cannot print: No space left on device; ")
+    assert "Traceback" not in done.stderr
+    assert (tmp_path / "summary.json").exists() == (command == "run")

@@ -1,9 +1,17 @@
 """The command line: thin commands, no numerics."""
 
+import errno
 import os
 import sys
 
 INTERRUPTED = 130  # what a shell says of a program that Ctrl-C ended
+
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
+
+def silence_output() -> None:
+    """Send to nowhere what standard output still holds, so that it cannot fail once more."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def main() -> None:
@@ -22,5 +30,11 @@ def main() -> None:
     except KeyboardInterrupt:
         sys.exit(INTERRUPTED)
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        silence_output()
         sys.exit(1)
+    except OSError as error:
+        # Of what has a name the library tells itself; this is what the help is printed to.
+        if error.errno not in _NO_ROOM or error.filename is not None:
+            raise
+        silence_output()
+        sys.exit(f"edvo: cannot print: {error.strerror}; send the output to where there is room")

@@ -23,7 +23,7 @@ from edvo.config import Config
 from edvo.datasets import Source
 from edvo.errors import ConfigError, DatasetError, EvaluationError
 from edvo.experiments.variants import variants_of
-from edvo.files import output_folder, write_atomically
+from edvo.files import Unwritten, output_folder, write_atomically
 from edvo.report.compare import Comparison, System, compare_source
 from edvo.report.compare_memory import MEMORY_FRAMES, frames_on_disk, peak_megabytes
 from edvo.report.compare_rank import summary_verdicts, verdicts
@@ -106,6 +106,7 @@ def compare(
     for name in EDVO_NAMES:
         compile_now(Config.preset(name.removeprefix("edvo-")))
     parameters = variants_of(preset or "paper") if variants else {}
+    unwritten = Unwritten()
     with stop_on_interrupt() as stop:
         for job in jobs:
             if stop():
@@ -113,9 +114,11 @@ def compare(
             done = _compare_one(job, systems, base, seed=seed, stop=stop)
             if memory:
                 done = _with_memory(done, job, parameters, seed=seed, stop=stop)
-            _report(done)
+            with unwritten.noted():
+                _report(done)
             results.add(done)
         interrupted = stop()
+    unwritten.check()
     results.finish()
     if interrupted:
         whole = sum(not each.interrupted for each in results.comparisons)

@@ -64,14 +64,14 @@ def demo(out: Path, *, scene: str, seconds: float, preset: str | None, seed: int
     scores = {
         name: evaluate(truth, run.trajectory(), len(run.frames)) for name, run in runs.items()
     }
-    say(f"{source.name}: {speed_line(runs[EDVO])}")
-    say()
-    say(score_table(scores, runs))
     write_results(runs[EDVO], folder, config, scores[EDVO])
     truth.write(folder / TRUTH)
     for name, run in runs.items():
         if name != EDVO:
             run.trajectory().write(folder / f"{name}.txt")
+    say(f"{source.name}: {speed_line(runs[EDVO])}")
+    say()
+    say(score_table(scores, runs))
     title = f"edvo, preset {config.preset_name}: a synthetic sequence under light that changes"
     picture = picture_of(runs[EDVO], edvo.sights, truth, scores[EDVO], config)
     draw_scenes(folder / PICTURE, [picture], title=title)

@@ -19,7 +19,7 @@ from edvo.clock import StageClock
 from edvo.datasets.devices import Device, device_kinds, open_device
 from edvo.datasets.masked import Mask, read_mask
 from edvo.errors import DatasetError, EdvoError
-from edvo.files import output_folder
+from edvo.files import Unwritten, output_folder
 from edvo.odometry import Odometry, Status
 from edvo.report.live import Seen, track_device
 from edvo.report.results import RESULTS, write_results
@@ -68,11 +68,16 @@ def live(
             if not done.frames:
                 raise failure or DatasetError(f"{device.name}: no frame came before the end")
             errors = errors_of(done)
+            unwritten = Unwritten()
+            with unwritten.noted():
+                write_results(done, folder, config, errors)
             total = len(done.frames) + done.dropped
             note(f"dropped {done.dropped} of {total} frames to keep up with the camera")
-            tell(done, errors)
-            write_results(done, folder, config, errors)
-            tell_files(folder)
+            with unwritten.noted():
+                tell(done, errors)
+                if not unwritten.any:
+                    tell_files(folder)
+    unwritten.check()
     if failure is not None:
         raise DatasetError(f"{failure}; {folder} holds all that was tracked")
     if not done.track_times.size:

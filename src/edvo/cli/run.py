@@ -83,11 +83,13 @@ def run(
                 stop=stop,
             )
         errors = errors_of(done)
-        tell(done, errors)
         unwritten = Unwritten()
         with unwritten.noted():
             write_results(done, folder, config, errors)
-            tell_files(folder)
+        with unwritten.noted():
+            tell(done, errors)
+            if not unwritten.any:
+                tell_files(folder)
         with unwritten.noted():
             more = extras.write(done, indices, config, errors, watch, folder)
             if more:

@@ -7,12 +7,23 @@ from contextlib import contextmanager
 
 import typer
 
+from edvo.cli import silence_output
+from edvo.errors import OutputError
+
 Advance = Callable[[], None]
 
 
 def say(line: str = "") -> None:
-    """Print a line of the result."""
-    typer.echo(line)
+    """Print a line of the result; `OutputError` if there is no room where it goes."""
+    try:
+        typer.echo(line)
+    except BrokenPipeError:
+        raise  # nobody reads it, which is no fault
+    except OSError as error:
+        silence_output()
+        raise OutputError(
+            f"cannot print: {error.strerror or error}; send the output to where there is room"
+        ) from error
 
 
 def note(line: str) -> None:
