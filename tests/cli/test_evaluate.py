@@ -56,7 +56,7 @@ def test_plot_is_a_picture(edvo: Command, files: tuple[Path, Path], tmp_path: Pa
         (["--delta", "-1"], "delta"),
         (["--plot", "plot.xyz"], ".xyz"),
         (["--plot", "missing/plot.png"], "missing"),
-        (["--frames", "missing.txt"], "missing.txt"),
+        (["--frames", "missing.txt"], "cannot read missing.txt: No such file or directory; give"),
     ],
 )
 def test_wrong_option_is_one_line(

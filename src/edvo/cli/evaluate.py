@@ -40,8 +40,11 @@ def count_frames(file: Path) -> int:
     """Count the rows of a list of frames: rgb.txt, an association or a frames.csv."""
     try:
         lines = file.read_text().splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise DatasetError(f"cannot read {file}: {error}; give a list of frames") from error
+    except OSError as error:
+        reason = error.strerror or error
+        raise DatasetError(f"cannot read {file}: {reason}; give a list of frames") from error
+    except UnicodeDecodeError as error:
+        raise DatasetError(f"{file} is no text file; give a list of frames") from error
     rows = [line for line in lines if line.strip() and not line.startswith(("#", "timestamp"))]
     if not rows:
         raise DatasetError(f"{file} lists no frames; give rgb.txt or frames.csv")
