@@ -71,7 +71,8 @@ def test_replica_with_frames_taken_out_keeps_each_its_pose(tmp_path):
     ("content", "words"),
     [
         ("{", "is no JSON"),
-        ("[]", "is no camera"),
+        ("[]", "is no camera: it has no keys"),
+        ('{"camera": 3}', "camera is 3; it must hold w h fx"),
         ('{"camera": {"w": 1200, "h": 680, "fx": 600}}', "'fy' is missing"),
         (
             '{"camera": {"w": 1200, "h": 680, "fx": 600, "fy": -1, "cx": 1, "cy": 1}}',
@@ -169,7 +170,8 @@ def test_redwood_scans_have_microseconds_in_their_names(tmp_path):
     [
         ("{", "is no JSON"),
         ('{"width": 640, "intrinsic_matrix": [1, 0, 0, 0, 1, 0, 2, 2, 1]}', "'height' is missing"),
-        ('{"width": 6, "height": 4, "intrinsic_matrix": [1, 2]}', "is no camera"),
+        ('{"width": 6, "height": 4, "intrinsic_matrix": [1, 2]}', "intrinsic_matrix must be"),
+        ("[1]", "is no camera: it has no keys"),
         ('{"width": 6, "height": 4, "intrinsic_matrix": [1, 0, 0, 0, 0, 0, 2, 2, 1]}', "fy"),
     ],
 )

@@ -58,6 +58,8 @@ def camera_of(file: Path, build: Callable[[Any], Camera]) -> Camera:
         If something is missing in it or cannot be; the message names it.
     """
     content = read_json(file)
+    if not isinstance(content, dict):
+        raise CameraError(f"{file} is no camera: it has no keys; correct it, or give --camera FILE")
     try:
         return build(content)
     except CameraError as error:

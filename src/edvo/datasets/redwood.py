@@ -22,7 +22,7 @@ from edvo.datasets.listed import CameraChoice, Truth, pair_source
 from edvo.datasets.matrices import read_numbers, truth_of
 from edvo.datasets.names import Paired, find_folders, images_in, pair_by_name
 from edvo.datasets.source import Source
-from edvo.errors import DatasetError
+from edvo.errors import CameraError, DatasetError
 
 DEPTH_SCALE = 1000.0
 COLOUR_FOLDERS = ("color", "colour", "image", "rgb")
@@ -98,7 +98,10 @@ def _camera(path: Path, paired: Paired) -> tuple[Camera, str]:
 
 
 def _of_json(content: Any) -> Camera:
-    fx, _, _, _, fy, _, cx, cy, _ = content["intrinsic_matrix"]
+    matrix = content["intrinsic_matrix"]
+    if not isinstance(matrix, list) or len(matrix) != 9:
+        raise CameraError("intrinsic_matrix must be nine numbers, by columns")
+    fx, _, _, _, fy, _, cx, cy, _ = matrix
     scale = content.get("depth_scale", DEPTH_SCALE)
     return Camera(content["width"], content["height"], fx, fy, cx, cy, depth_scale=scale)
 

@@ -20,7 +20,7 @@ from edvo.datasets.listed import CameraChoice, Truth, pair_source
 from edvo.datasets.matrices import read_numbers, truth_of
 from edvo.datasets.names import Paired, images_in, number_in, pair_by_name
 from edvo.datasets.source import Source
-from edvo.errors import DatasetError
+from edvo.errors import CameraError, DatasetError
 
 IMAGES = "results"
 TRUTH = "traj.txt"
@@ -66,8 +66,10 @@ def _camera(path: Path) -> tuple[Camera, str]:
 
 def _of_json(content: Any) -> Camera:
     # Converters write the same without the outer key, and call the scale so.
-    values = content.get("camera", content)
-    scale = values.get("scale", values.get("png_depth_scale", _PUBLISHED.depth_scale))
+    values: Any = content.get("camera", content)
+    if not isinstance(values, dict):
+        raise CameraError(f"camera is {values!r}; it must hold w h fx fy cx cy")
+    scale: Any = values.get("scale", values.get("png_depth_scale", _PUBLISHED.depth_scale))
     numbers = {key: values[key] for key in ("fx", "fy", "cx", "cy")}
     return Camera(values["w"], values["h"], **numbers, depth_scale=scale, name="replica")
 
