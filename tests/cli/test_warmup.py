@@ -5,6 +5,7 @@ from pathlib import Path
 from threading import Event
 
 import pytest
+from numba.core import event
 
 from edvo.cli import compiling
 from edvo.config import Config
@@ -54,6 +55,14 @@ def test_says_so_only_if_it_takes_a_while(
 
     monkeypatch.setattr(compiling, "note", say)
     monkeypatch.setattr(compiling, "_PATIENCE_S", 0.0)
-    monkeypatch.setattr(compiling, "warm_up", lambda config: noted.wait(60))
+    monkeypatch.setattr(compiling, "warm_up", lambda config: noted.wait(0.5))
+    compiling.compile_now(Config())
+    assert capsys.readouterr().err == ""  # nothing was compiled: it was loaded
+
+    def compile_something(config: Config) -> None:
+        with event.trigger_event("numba:compile"):
+            noted.wait(60)
+
+    monkeypatch.setattr(compiling, "warm_up", compile_something)
     compiling.compile_now(Config())
     assert told in capsys.readouterr().err
