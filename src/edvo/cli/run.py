@@ -14,6 +14,7 @@ from edvo.cli.scores import score_table, speed_line
 from edvo.cli.terminal import note, progress, say
 from edvo.cli.view import View
 from edvo.clock import StageClock
+from edvo.datasets.inspection.unit import check_unit
 from edvo.datasets.masked import MaskedSource, read_mask
 from edvo.errors import DatasetError, EvaluationError
 from edvo.evaluation import Evaluation, evaluate
@@ -58,7 +59,7 @@ def run(
         source = MaskedSource(source, read_mask(mask, source.camera))
     indices = choose_frames(source, start=start, max_frames=max_frames, stride=stride)
     folder = output_folder(out, files=[*RESULTS, *extras.files()])
-    for warning in source.warnings:
+    for warning in (*source.warnings, *check_unit(source.timestamps).warnings):
         note(f"warning: {warning}")
     # Decoding and tracking share the cores by frames; OpenCV's own threads would only contend.
     cv2.setNumThreads(1)

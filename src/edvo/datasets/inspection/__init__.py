@@ -18,6 +18,7 @@ from edvo.datasets.inspection.registration import check_registration
 from edvo.datasets.inspection.repeats import check_repeats
 from edvo.datasets.inspection.step import check_step
 from edvo.datasets.inspection.truth import check_truth
+from edvo.datasets.inspection.unit import check_unit
 from edvo.datasets.inspection.walk import walk_all
 from edvo.datasets.source import Source
 
@@ -57,6 +58,7 @@ def examine(source: Source) -> list[Finding]:
     return [
         Finding("readable images", looks.problems),
         check_stamps(looks.timestamps),
+        check_unit(looks.timestamps),
         *(_look(looks) if looks.frames else ()),
     ]
 
