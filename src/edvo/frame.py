@@ -92,9 +92,11 @@ class Frame:
     def _close(self) -> None:
         """Let nobody write; always, as compiled code takes a writable array for another type."""
         for name in ("grey", "depth"):
-            view = getattr(self, name).view()
-            view.setflags(write=False)
-            object.__setattr__(self, name, view)
+            image = getattr(self, name)
+            if image.flags.writeable:
+                view = image.view()
+                view.setflags(write=False)
+                object.__setattr__(self, name, view)
 
     @classmethod
     def from_images(
