@@ -215,7 +215,7 @@ def test_what_tells_places_at_a_glance_is_made_with_the_first_frame(apart, monke
 def test_the_first_registration_is_looked_at_widely_where_a_few_edges_promise(
     apart, monkeypatch, promises
 ):
-    """Of few edges and points, which take a quarter of the time."""
+    """Of few edges and points, which take half of the time."""
     camera, frames, _ = apart
     odometry = Odometry(camera)
     odometry.track(frames[0])

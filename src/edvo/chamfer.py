@@ -69,10 +69,17 @@ class ChamferMap:
         self._scores: NDArray[np.uint8] | None = None
         self._asked: tuple[EdgePixels, kernels.Chamfer] | None = None  # last, as it is asked again
 
-    def prepare(self) -> None:
-        """Work it out now, in the time of a frame that has some to spare."""
+    def prepare(self) -> NDArray[np.uint8]:
+        """Work it out, unless it is already: as early as in a frame that has time to spare.
+
+        Returns
+        -------
+        ndarray of uint8, shape (rows + 2, cols + 2, DIRECTIONS)
+            By `score_image`.
+        """
         if self._scores is None:
             self._scores = score_image(self._edges, self._camera.width, self._camera.height)
+        return self._scores
 
     def likely(
         self,
@@ -177,15 +184,14 @@ class ChamferMap:
     def _problem(self, samples: EdgePixels) -> kernels.Chamfer:
         if self._asked is not None and self._asked[0] is samples:
             return self._asked[1]
-        self.prepare()
-        assert self._scores is not None
+        scores = self.prepare()
         few = samples.every(max(len(samples) // TRIED_EDGES, 1))
         directions = np.empty(len(few), np.int32)
         kernels.directions_of(few.gradients, directions)
-        rows, cols, _ = self._scores.shape
+        rows, cols, _ = scores.shape
         spread = np.argsort(np.arange(len(few)) % 4, kind="stable")  # the first quarter: all over
         problem = kernels.Chamfer(
-            self._scores.ravel(),
+            scores.ravel(),
             rows,
             cols,
             CELL_PX,

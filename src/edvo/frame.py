@@ -219,13 +219,18 @@ def finite_seconds(name: str, given: object) -> float:
     FrameError
         If it is no finite number.
     """
-    try:
-        seconds = float(given)  # type: ignore[arg-type]
-    except (TypeError, ValueError, OverflowError):
-        seconds = math.nan
+    seconds = _number(given)
     if not math.isfinite(seconds):
         raise FrameError(f"{name} is {given!r:.60}; give finite seconds")
     return seconds
+
+
+def _number(given: object) -> float:
+    """What was given as one, or NaN."""
+    try:
+        return float(given)  # type: ignore[arg-type]
+    except (TypeError, ValueError, OverflowError):
+        return math.nan
 
 
 def register_depth(
@@ -331,10 +336,7 @@ def _to_metres(depth: NDArray[Any], depth_scale: float) -> NDArray[np.float32]:
         raise FrameError(f"depth has shape {depth.shape}; give (H, W)")
     kind, size = depth.dtype.kind, depth.dtype.itemsize  # whatever the byte order
     if kind == "u" and size == 2:
-        try:
-            scale = float(depth_scale)
-        except (TypeError, ValueError, OverflowError):
-            scale = math.nan
+        scale = _number(depth_scale)
         if not LEAST_SCALE < scale < math.inf:
             raise FrameError(f"depth_scale is {depth_scale!r}; give the depth value of one metre")
         metres = depth.astype(np.float32, order="C")  # the image may be a turned one

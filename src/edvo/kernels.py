@@ -3566,11 +3566,12 @@ def descend_on_planes(
     stop: float,
     T: F64,
 ) -> tuple[int, int]:
-    """Lower the cost of the distances to planes along some directions, by damped steps of ``T``.
+    """Lower the cost of the distances to planes along some directions, by damped steps.
 
-    The columns of ``basis`` (6, K) are these directions, ``scale`` is the least scale of the
-    distances; a step of less than ``stop`` along each is the last. Returns how many steps were
-    tried, and why no more.
+    ``T`` (4, 4), to the reference camera, is where it begins, and is overwritten. The columns of
+    ``basis`` (6, K), twists [v, w], are these directions, ``scale`` is the least scale of the
+    distances, in units of their noise; a step of less than ``stop`` along each is the last. Returns
+    how many steps were tried, and why no more.
     """
     m, ways = points.sigma.size, basis.shape[1]
     near, tried = new_plane_matches(m), new_plane_matches(m)

@@ -112,9 +112,7 @@ class Odometry:
         self._uncertainty = Uncertainty(camera, self.config, solver)
         self._shared = SharedErrors(camera, self.config, solver)
         self._instants = Instants(camera, self.config, self._registration, self._fitter, exposure)
-        self._depth_alone = DepthAlone(
-            camera, self._registration.solver, self._fitter.term, self._uncertainty
-        )
+        self._depth_alone = DepthAlone(camera, solver, self._fitter.term, self._uncertainty)
         self.reset()
 
     def reset(self, T_world_cam: NDArray[np.float64] | None = None) -> None:
@@ -219,7 +217,7 @@ class Odometry:
         FrameError
             If it is no frame, or not of the camera's size.
         """
-        self._check_size(frame)
+        self._check_frame(frame)
         self._upkeep.catch_up()
         self._rewind(frame.timestamp)
         if self._freeze.repeats(frame):
@@ -370,7 +368,7 @@ class Odometry:
             return self._record.keep(timestamp, Status.DEGRADED, reason, T_key_cur, keyframe.index)
         return self._lose(timestamp, reason)
 
-    def _check_size(self, frame: Frame) -> None:
+    def _check_frame(self, frame: Frame) -> None:
         if not isinstance(frame, Frame):
             kind = type(frame).__name__
             raise FrameError(f"frame is {kind}; give a Frame, as Frame.from_images makes it")

@@ -9,6 +9,11 @@ INTERRUPTED = 130  # what a shell says of a program that Ctrl-C ended
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
+def cannot_print(error: OSError) -> str:
+    """Say what is wrong with standard output, and the mend."""
+    return f"cannot print: {error.strerror or error}; send the output to where there is room"
+
+
 def silence_output() -> None:
     """Send to nowhere what standard output still holds, so that it cannot fail once more."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -37,4 +42,4 @@ def main() -> None:
         if error.errno not in _NO_ROOM or error.filename is not None:
             raise
         silence_output()
-        sys.exit(f"edvo: cannot print: {error.strerror}; send the output to where there is room")
+        sys.exit(f"edvo: {cannot_print(error)}")

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 import typer
 
-from edvo.cli import silence_output
+from edvo.cli import cannot_print, silence_output
 from edvo.errors import OutputError
 
 Advance = Callable[[], None]
@@ -21,9 +21,7 @@ def say(line: str = "") -> None:
         raise  # nobody reads it, which is no fault
     except OSError as error:
         silence_output()
-        raise OutputError(
-            f"cannot print: {error.strerror or error}; send the output to where there is room"
-        ) from error
+        raise OutputError(cannot_print(error)) from error
 
 
 def note(line: str) -> None:
