@@ -169,8 +169,14 @@ def wait_for(file: Path, size: int) -> None:
     raise AssertionError(f"{file} does not come")
 
 
+@pytest.mark.parametrize(("how", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_ctrl_c_says_how_to_go_on(
-    edvo: Command, server: web.Server, archive: bytes, tmp_path: Path
+    edvo: Command,
+    server: web.Server,
+    archive: bytes,
+    tmp_path: Path,
+    how: signal.Signals,
+    status: int,
 ) -> None:
     content = archive + bytes(200_000)  # zeros after the end of an archive are padding
     server.files[f"/{ENTRY.file}"] = content
@@ -180,9 +186,9 @@ def test_ctrl_c_says_how_to_go_on(
     process = start(*arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     part = tmp_path / f"{ENTRY.file}.part"
     wait_for(part, 100_000)
-    os.kill(process.pid, signal.SIGINT)
+    os.kill(process.pid, how)
     out, errors = (text.decode() for text in process.communicate(timeout=300))
-    assert process.returncode == 130
+    assert process.returncode == status
     assert not out
     last = errors.splitlines()[-1]
     assert last.startswith(f"edvo: interrupted; 0.1 MB are kept in {part}, to go on: edvo fetch")

@@ -1,5 +1,6 @@
 """`edvo synth` as from a shell."""
 
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,7 @@ import pytest
 
 from edvo.datasets import open_source
 
-from .conftest import full_disk
+from .conftest import full_disk, interrupted
 
 SMALL = """width: 80
 height: 60
@@ -197,6 +198,21 @@ def test_a_disk_too_full_to_begin_leaves_what_was_whole(
         assert edvo(*options, "--seed", 1).status == 1
     assert edvo("info", target).status == 0
     assert "--seed 0" in (target / "README.txt").read_text()
+
+
+@pytest.mark.parametrize(("how", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_interrupted_it_leaves_nothing_that_looks_whole(
+    edvo: Any, tmp_path: Path, camera: Path, how: signal.Signals, status: int
+) -> None:
+    target = tmp_path / "s"
+    change = "from edvo.cli import synth; synth.progress = progress"
+    options = ("synth", "notexture_far", target, "--frames", 9, "--camera", camera)
+    done = interrupted(change, *options, steps=2, how=how)
+    assert done.status == status
+    assert done.err == "edvo: interrupted\n"
+    told = edvo("info", target)
+    assert told.status == 1
+    assert "is incomplete: synthetic sequence" in told.err
 
 
 def test_the_list_comes_with_thumbnails(edvo: Any, tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ import errno
 import os
 import sys
 
-INTERRUPTED = 130  # what a shell says of a program that Ctrl-C ended
+from edvo.cli.interrupt import exit_status, terminated_as_interrupted
 
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
@@ -28,12 +28,13 @@ def main() -> None:
         from edvo.cli.app import app
 
         try:
-            app(prog_name="edvo")
+            with terminated_as_interrupted():
+                app(prog_name="edvo")
         finally:
             # Here, since at exit it is too late to be quiet about a pipe that nobody reads.
             sys.stdout.flush()
-    except KeyboardInterrupt:
-        sys.exit(INTERRUPTED)
+    except KeyboardInterrupt as interrupt:
+        sys.exit(exit_status(interrupt))
     except BrokenPipeError:
         silence_output()
         sys.exit(1)

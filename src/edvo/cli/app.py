@@ -6,7 +6,6 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from edvo.cli import INTERRUPTED
 from edvo.cli.commands.compare import compare
 from edvo.cli.commands.demo import demo
 from edvo.cli.commands.evaluate import evaluate
@@ -18,6 +17,7 @@ from edvo.cli.commands.reproduce import reproduce
 from edvo.cli.commands.run import run
 from edvo.cli.commands.synth import synth
 from edvo.cli.commands.warmup import warmup
+from edvo.cli.interrupt import exit_status
 from edvo.cli.terminal import Notes
 from edvo.errors import EdvoError
 
@@ -26,7 +26,7 @@ class Commands(TyperGroup):
     """Turns what goes wrong on purpose into one line and an exit status."""
 
     def invoke(self, ctx: Any) -> Any:
-        """Run a command; `EdvoError` exits with 1, Ctrl-C with 130."""
+        """Run a command; `EdvoError` exits with 1, Ctrl-C with 130, SIGTERM with 143."""
         try:
             return super().invoke(ctx)
         except EdvoError as error:
@@ -34,7 +34,7 @@ class Commands(TyperGroup):
             raise typer.Exit(1) from error
         except KeyboardInterrupt as interrupt:
             typer.echo("edvo: interrupted", err=True)
-            raise typer.Exit(INTERRUPTED) from interrupt
+            raise typer.Exit(exit_status(interrupt)) from interrupt
 
 
 logging.getLogger("edvo").addHandler(Notes(logging.WARNING))

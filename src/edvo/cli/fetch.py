@@ -8,7 +8,7 @@ from pathlib import Path
 
 import typer
 
-from edvo.cli import INTERRUPTED
+from edvo.cli.interrupt import exit_status
 from edvo.cli.terminal import note, say, table
 from edvo.datasets.fetching import Entry, Watch, catalogue, find
 from edvo.datasets.fetching import fetch as fetch_one
@@ -53,7 +53,7 @@ def fetch(
                 )
             except KeyboardInterrupt as interrupt:
                 _say_how_to_go_on(entry, out)
-                raise typer.Exit(INTERRUPTED) from interrupt
+                raise typer.Exit(exit_status(interrupt)) from interrupt
         if done.new:
             checked = f"checked against {done.checked_by}" if done.checked_by else "not checked"
             note(f"{entry.name}: {checked}; licence: {entry.data_set.licence}")

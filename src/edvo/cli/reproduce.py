@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import cv2
 import typer
 
-from edvo.cli import INTERRUPTED
 from edvo.cli.compiling import compile_now
+from edvo.cli.interrupt import exit_status
 from edvo.cli.terminal import note, say
 from edvo.config import PRESETS, Config
 from edvo.experiments.bench import Bench
@@ -76,14 +76,14 @@ def reproduce(
                 stages.append(stage)
                 watch.done()
                 _tell(stage)
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as interrupt:
             _write(stages, bench, folder)
             whole = sum(stage.outcome is not None for stage in stages)
             note(
                 f"interrupted; {whole} of {len(names)} are complete in {folder}, "
                 "and the same command goes on from there"
             )
-            raise typer.Exit(INTERRUPTED) from None
+            raise typer.Exit(exit_status(interrupt)) from None
     _write(stages, bench, folder)
     seconds = time.perf_counter() - begin
     say(f"wrote {folder / PAGE}, {SUMMARY} and a folder for each ({seconds:.0f} s)")
