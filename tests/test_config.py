@@ -1,8 +1,10 @@
+import pickle
+
 import pytest
 import yaml
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
-from edvo.config import PRESETS, Config
+from edvo.config import PRESETS, Config, SamplingConfig
 from edvo.errors import ConfigError, OutputError
 
 
@@ -145,10 +147,34 @@ def test_a_preset_that_is_not():
 
 def test_nothing_changes_in_place():
     config = Config()
-    with pytest.raises(ValidationError):
-        config.seed = 3
-    with pytest.raises(ValidationError):
-        config.sampling.count = 3
+    for section in (config, config.sampling):
+        with pytest.raises(ConfigError, match=r"a configuration does not change; .*with_overrides"):
+            section.seed = 3
+    assert config == Config()
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: Config(foo=1), r"Config: unknown key 'foo'; known here: preset_name, seed, edges"),
+        (lambda: Config(seed=-1), r"Config: seed = -1: .*greater than or equal to 0"),
+        (lambda: Config(preset_name="best"), r"Config: preset_name = 'best': .*'default' or"),
+        (lambda: Config(sampling={"cout": 1}), r"unknown key 'sampling.cout'; known here: count"),
+        (lambda: SamplingConfig(cout=1), r"SamplingConfig: unknown key 'cout'; known here: count"),
+        (lambda: SamplingConfig(count="x"), r"SamplingConfig: count = 'x': .*integer"),
+    ],
+)
+def test_what_cannot_be_is_refused_wherever_it_is_made(make, said):
+    with pytest.raises(ConfigError, match=said) as caught:
+        make()
+    assert "\n" not in str(caught.value)
+
+
+def test_sections_make_what_keys_make():
+    whole = Config.from_dict({"preset_name": "paper", "sampling": {"count": 900}})
+    assert Config(preset_name="paper", sampling={"count": 900}) == whole
+    assert Config(sampling=SamplingConfig(count=900)).sampling.count == 900
+    assert Config(**whole.to_dict()) == pickle.loads(pickle.dumps(whole)) == whole
 
 
 # -------------------------------------------------------------------------------------- presets

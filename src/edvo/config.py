@@ -8,7 +8,7 @@ nothing, the choice and its reason stand here, and its measured worth in docs/th
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import yaml
 from pydantic import (
@@ -18,6 +18,7 @@ from pydantic import (
     ValidationError,
     ValidationInfo,
     field_validator,
+    model_validator,
 )
 
 from edvo.errors import ConfigError
@@ -33,6 +34,23 @@ class Section(BaseModel):
     """A group of parameters: no key that is not known, no change once made."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True)
+
+    if not TYPE_CHECKING:  # whom the fields tell what it takes
+
+        def __init__(self, **values: object) -> None:
+            try:
+                super().__init__(**values)
+            except ValidationError as error:
+                raise ConfigError(_first_problem(error, type(self).__name__, type(self))) from error
+
+        # By this pydantic tells that sections within sections need not be made by it.
+        __init__.__pydantic_base_init__ = True
+
+        def __setattr__(self, name: str, value: object) -> None:
+            raise ConfigError(
+                f"{name} = {value!r:.60}: a configuration does not change; make another, as by "
+                "config.with_overrides(['seed=1'])"
+            )
 
     @field_validator("*", mode="before")
     @classmethod
@@ -605,6 +623,14 @@ class Config(Section):
     motion: MotionConfig = MotionConfig()
     status: StatusConfig = StatusConfig()
 
+    @model_validator(mode="before")
+    @classmethod
+    def _what_is_left_out_is_the_presets(cls, values: object) -> object:
+        if not isinstance(values, Mapping):
+            return values
+        name = values.get("preset_name")
+        return _merged(PRESETS.get(name, {}) if isinstance(name, str) else {}, values)
+
     @classmethod
     def preset(cls, name: str) -> "Config":
         """Make the configuration of a preset.
@@ -649,17 +675,10 @@ class Config(Section):
         """
         if not isinstance(values, Mapping):
             raise ConfigError(f"{where}: expected keys such as 'sampling:', got {values!r:.60}")
-        name = values.get("preset_name", "default")
-        base: Mapping[str, Any] = PRESETS.get(name, {}) if isinstance(name, str) else {}
         try:
-            return cls.model_validate(_merged(base, values))
+            return cls.model_validate(values)
         except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            key = ".".join(str(part) for part in first["loc"])
-            if first["type"] == "extra_forbidden":
-                raise ConfigError(f"{where}: unknown key {key!r}; {_known(key)}") from error
-            message = first["msg"].removeprefix("Value error, ")
-            raise ConfigError(f"{where}: {key} = {first['input']!r}: {message}") from error
+            raise ConfigError(_first_problem(error, where, cls)) from error
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Config":
@@ -720,7 +739,7 @@ class Config(Section):
             for parent in parents:
                 child = node.get(parent)
                 if not isinstance(child, dict):
-                    raise ConfigError(f"unknown key {key.strip()!r}; {_known(key.strip())}")
+                    raise ConfigError(f"unknown key {key.strip()!r}; {_known(key.strip(), Config)}")
                 node = child
             node[leaf] = value
         return self.from_dict(values, where="override")
@@ -818,9 +837,18 @@ def _merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     return result
 
 
-def _known(key: str) -> str:
-    """Name the keys that stand beside an unknown one."""
-    model: type[BaseModel] = Config
+def _first_problem(error: ValidationError, where: str, model: type[BaseModel]) -> str:
+    """Say in a line what is wrong with values for a section."""
+    first = error.errors(include_url=False)[0]
+    key = ".".join(str(part) for part in first["loc"])
+    if first["type"] == "extra_forbidden":
+        return f"{where}: unknown key {key!r}; {_known(key, model)}"
+    message = first["msg"].removeprefix("Value error, ")
+    return f"{where}: {key} = {first['input']!r}: {message}"
+
+
+def _known(key: str, model: type[BaseModel]) -> str:
+    """Name the keys that stand beside an unknown one of a section."""
     for part in key.split(".")[:-1]:
         field = model.model_fields.get(part)
         if field is None or not isinstance(field.annotation, type):
