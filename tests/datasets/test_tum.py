@@ -29,6 +29,13 @@ def test_a_frame_is_what_the_files_hold(make_folder):
     assert reading.frame.timestamp == 1.1
 
 
+@pytest.mark.parametrize("index", [-1, 3])
+def test_a_frame_that_is_none_is_refused_in_a_line(make_folder, index):
+    folder = make_folder()
+    with pytest.raises(DatasetError, match=f"^{folder.name}: no frame {index}; there are 0 to 2$"):
+        open_source(folder).read(index)
+
+
 @pytest.mark.parametrize(
     ("suffix", "channels"), [(".png", 1), (".jpg", 1), (".jpg", 3), (".png", 4)]
 )

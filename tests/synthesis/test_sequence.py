@@ -253,6 +253,8 @@ def test_the_source_describes_itself() -> None:
     assert told["frames"] == 31
     assert told["duration_s"] == pytest.approx(1.0)
     assert told["camera"]["width"] == 160
+    with pytest.raises(DatasetError, match="notexture_far: no frame 31; there are 0 to 30"):
+        source.read(31)
 
 
 def test_the_hard_scenes_are_as_hard_as_they_say() -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from edvo.camera import Camera
 from edvo.datasets.images import load_frame
-from edvo.datasets.source import Reading, describe_timing
+from edvo.datasets.source import Reading, check_index, describe_timing
 from edvo.errors import FrameError
 from edvo.frame import Frame
 from edvo.trajectory import Trajectory
@@ -121,7 +121,13 @@ class ListedSource:
         -------
         Reading
             With a frame or with a problem.
+
+        Raises
+        ------
+        DatasetError
+            Where there is no frame of that index.
         """
+        check_index(index, self.stamps, self.name)
         frame, problem = None, None
         try:
             frame = self._load(index)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edvo.camera import Camera
+from edvo.errors import DatasetError
 from edvo.frame import Frame
 from edvo.trajectory import Trajectory
 
@@ -99,12 +100,33 @@ class Source(Protocol):
         ...
 
     def read(self, index: int) -> Reading:
-        """Read one frame."""
+        """Read one frame; `DatasetError` where there is none of that index."""
         ...
 
     def describe(self) -> dict[str, Any]:
         """Say what is assumed about the recording, in plain types."""
         ...
+
+
+def check_index(index: int, stamps: Sequence[str], name: str) -> None:
+    """Refuse to read a frame that is none.
+
+    Parameters
+    ----------
+    index : int
+        Of the frame wanted.
+    stamps : sequence of str
+        Of the frames there are.
+    name : str
+        Of the recording.
+
+    Raises
+    ------
+    DatasetError
+        Where there is no such frame.
+    """
+    if not 0 <= index < len(stamps):
+        raise DatasetError(f"{name}: no frame {index}; there are 0 to {len(stamps) - 1}")
 
 
 def describe_timing(timestamps: NDArray[np.float64]) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from edvo.camera import Camera
 from edvo.datasets.association import stamped_delay
 from edvo.datasets.incomplete import being_written
-from edvo.datasets.source import Reading, describe_timing
+from edvo.datasets.source import Reading, check_index, describe_timing
 from edvo.errors import FrameError, OutputError, SceneError
 from edvo.files import output_folder, write_atomically
 from edvo.frame import Frame
@@ -325,7 +325,13 @@ class SyntheticSource:
         -------
         Reading
             With a problem in place of the frame where no depth image is within 20 ms.
+
+        Raises
+        ------
+        DatasetError
+            Where there is no frame of that index.
         """
+        check_index(index, self.stamps, self.name)
         recipe = self.recipe
         t = float(recipe.colour_times[index])
         partner = int(np.argmin(np.abs(recipe.depth_times - t)))
