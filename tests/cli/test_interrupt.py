@@ -7,6 +7,12 @@ from pathlib import Path
 import pytest
 
 from edvo.cli import run as run_module
+from edvo.cli.interrupt import (
+    Terminated,
+    exit_status,
+    stop_on_interrupt,
+    terminated_as_interrupted,
+)
 from edvo.trajectory import Trajectory
 
 from .conftest import Command, interrupted, interrupting, rows
@@ -60,3 +66,27 @@ def test_before_the_first_frame(
     assert done.status == 130
     assert done.err == "edvo: interrupted\n"
     assert not list(tmp_path.iterdir())
+
+
+def test_a_second_one_ends_the_command_at_once() -> None:
+    with terminated_as_interrupted():
+        with stop_on_interrupt() as stop:
+            signal.raise_signal(signal.SIGTERM)
+            assert stop()
+            assert stop.status == 143
+            with pytest.raises(Terminated) as caught:
+                signal.raise_signal(signal.SIGTERM)
+        assert exit_status(caught.value) == 143
+        with pytest.raises(Terminated):
+            signal.raise_signal(signal.SIGTERM)
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    assert exit_status(KeyboardInterrupt()) == 130
+
+
+def test_sigterm_that_is_ignored_stays_so() -> None:
+    before = signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    try:
+        with terminated_as_interrupted():
+            signal.raise_signal(signal.SIGTERM)
+    finally:
+        signal.signal(signal.SIGTERM, before)

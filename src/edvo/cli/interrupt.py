@@ -56,7 +56,7 @@ class Stop:
 
 @contextmanager
 def stop_on_interrupt() -> Iterator[Stop]:
-    """Turn the first Ctrl-C or SIGTERM into a flag; the second one ends the process as ever.
+    """Turn the first Ctrl-C or SIGTERM into a flag; the second one ends the command at once.
 
     Yields
     ------

@@ -126,7 +126,8 @@ def check_index(index: int, stamps: Sequence[str], name: str) -> None:
         Where there is no such frame.
     """
     if not 0 <= index < len(stamps):
-        raise DatasetError(f"{name}: no frame {index}; there are 0 to {len(stamps) - 1}")
+        there = f"there are 0 to {len(stamps) - 1}" if stamps else "there is none"
+        raise DatasetError(f"{name}: no frame {index}; {there}")
 
 
 def describe_timing(timestamps: NDArray[np.float64]) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from edvo.camera import Camera
 from edvo.clock import StageClock
 from edvo.datasets.devices.device import Device
 from edvo.datasets.masked import Mask
-from edvo.datasets.source import Reading, describe_timing
+from edvo.datasets.source import Reading, check_index, describe_timing
 from edvo.errors import EdvoError
 from edvo.live import Latest
 from edvo.report.tracking import FrameRecord, Run, Tracker, measured_by, track_reading
@@ -58,6 +58,7 @@ class Seen:
 
     def read(self, index: int) -> Reading:
         """Say that the images are gone."""
+        check_index(index, self.stamps, self.name)
         stamp, timestamp = self.stamps[index], self._timestamps[index]
         problem = f"{self.name}: frame {index} was live and is gone"
         return Reading(index, stamp, timestamp, None, problem)
