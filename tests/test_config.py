@@ -1,5 +1,6 @@
 import pickle
 
+import numpy as np
 import pytest
 import yaml
 from pydantic import BaseModel
@@ -150,6 +151,8 @@ def test_nothing_changes_in_place():
     for section in (config, config.sampling):
         with pytest.raises(ConfigError, match=r"a configuration does not change; .*with_overrides"):
             section.seed = 3
+        with pytest.raises(ConfigError, match="a configuration does not change"):
+            del section.count
     assert config == Config()
 
 
@@ -161,6 +164,8 @@ def test_nothing_changes_in_place():
         (lambda: Config(preset_name="best"), r"Config: preset_name = 'best': .*'default' or"),
         (lambda: Config(sampling={"cout": 1}), r"unknown key 'sampling.cout'; known here: count"),
         (lambda: SamplingConfig(cout=1), r"SamplingConfig: unknown key 'cout'; known here: count"),
+        (lambda: Config(self=1), r"Config: unknown key 'self'"),
+        (lambda: Config(seed=np.zeros(30)), r"Config: seed = array\(\[0., 0.,.*integer"),
         (lambda: SamplingConfig(count="x"), r"SamplingConfig: count = 'x': .*integer"),
     ],
 )
@@ -173,7 +178,8 @@ def test_what_cannot_be_is_refused_wherever_it_is_made(make, said):
 def test_sections_make_what_keys_make():
     whole = Config.from_dict({"preset_name": "paper", "sampling": {"count": 900}})
     assert Config(preset_name="paper", sampling={"count": 900}) == whole
-    assert Config(sampling=SamplingConfig(count=900)).sampling.count == 900
+    one = SamplingConfig(count=900)  # counts whole
+    assert Config(preset_name="paper", sampling=one).sampling == one != whole.sampling
     assert Config(**whole.to_dict()) == pickle.loads(pickle.dumps(whole)) == whole
 
 

@@ -25,7 +25,7 @@ from . import problems, twins
 
 LEAN = {"lean", "lean_float"}
 TYPES = ("float64", "float32", "uint64", "int64", "uint32", "int32", "int16", "uint8")
-SCALAR = {"np." + name for name in ("sqrt", "log", "log1p", *TYPES)}
+SCALAR = {"np." + name for name in ("isfinite", "sqrt", "log", "log1p", *TYPES)}
 
 LENS = problems.LENS
 

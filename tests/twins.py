@@ -1154,6 +1154,28 @@ def filter_pose(P, T_cur_last, C, acceleration, seconds, off, velocity):
     return P - gain @ P[:6], velocity + step[6:], step[:6]
 
 
+def amiss(points, own, gradients, matches, off, camera, T, most_px, least_dot, rim):
+    """Rows of the Jacobian by the samples' own gradients, and which are in no place of theirs."""
+    rows, found = np.zeros((len(points), 6)), np.zeros(len(points), bool)
+    for i, point in enumerate(points):
+        P = T[:3, :3] @ point + T[:3, 3]
+        g = T[:2, :2] @ own[i]
+        if P[2] < kernels.MIN_DEPTH or not g.any():
+            continue
+        u, v = camera.fx * P[0] / P[2] + camera.cx, camera.fy * P[1] / P[2] + camera.cy
+        if not (rim < u < camera.width - 1 - rim and rim < v < camera.height - 1 - rim):
+            continue
+        g = g / np.linalg.norm(g)
+        by_pixel = np.array([[camera.fx, 0, -camera.fx * P[0] / P[2]]]) / P[2]
+        by_pixel = np.concatenate(
+            (by_pixel, np.array([[0, camera.fy, -camera.fy * P[1] / P[2]]]) / P[2])
+        )
+        rows[i] = g @ by_pixel @ np.hstack((np.eye(3), -se3.hat(P)))
+        k = matches[i]
+        found[i] = k < 0 or abs(off[i]) > most_px or g @ gradients[k] < least_dot
+    return rows, found
+
+
 def left_out(seen, camera, residuals, trust, weight, sigma):
     """What robust weights leave out of the curvature, J^T (w(0) - W) J."""
     J = trust[:, None] * jacobian(seen, camera)

@@ -34,6 +34,10 @@ BESIDE = 4  # poses that are climbed from beside a place that is known
 ANYWHERE = 1e3  # m; a bound that leaves poses to be told apart by their turns alone
 CLIMB_M, CLIMB_DEG = 0.1, 1.5  # first steps of a climb
 HALVINGS, ROUNDS = 3, 2  # lengths of step, each half the last; steps of each length, at most
+ALONG_PX = 2.0  # between places along a motion, by how far edges move
+CLEARER = 20.0  # of 255: by so much they fall better there than where they are
+ELSEWHERE_PX = 12.0  # farther than that it is another place
+AS_WELL = 0.96  # of the score of a place: by a glance that cannot be told from it
 
 
 class Guess(NamedTuple):
@@ -137,6 +141,42 @@ class ChamferMap:
             At most ``BESIDE``, the likeliest first.
         """
         return self._climb(samples, T_ref_starts, min(BESIDE, len(T_ref_starts)), 0.0, 0.0)
+
+    def along(
+        self,
+        samples: EdgePixels,
+        T_ref_cur: NDArray[np.float64],
+        twist: NDArray[np.float64],
+        reach_px: float,
+    ) -> NDArray[np.float64] | None:
+        """Find where along a motion edges fall clearly better, and nowhere else as well.
+
+        Parameters
+        ----------
+        samples : EdgePixels
+            Of the current image, with depth, that tell of the motion.
+        T_ref_cur : ndarray of float64, shape (4, 4)
+            Where it begins.
+        twist : ndarray of float64, shape (6,)
+            [v, w] of the reference camera, by which they move by a pixel.
+        reach_px : float
+            How far to either side.
+
+        Returns
+        -------
+        ndarray of float64, shape (4, 4), or None
+            None where they fall no better elsewhere, or as well in two places.
+        """
+        steps = int(reach_px / ALONG_PX)
+        ways = ALONG_PX * np.arange(-steps, steps + 1)
+        poses = [se3.exp(way * twist) @ T_ref_cur for way in ways]
+        scores = np.array([self.score(samples, pose) for pose in poses])
+        best = int(np.argmax(scores))
+        if scores[best] < scores[steps] + CLEARER:
+            return None
+        elsewhere = np.abs(ways - ways[best]) > ELSEWHERE_PX
+        is_alone = scores[elsewhere].max(initial=0.0) <= AS_WELL * scores[best]
+        return poses[best] if is_alone else None
 
     def score(self, samples: EdgePixels, T_ref_cur: NDArray[np.float64]) -> float:
         """Say how near edges fall to edges of like direction.

@@ -29,6 +29,8 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 
+_FIXED = "a configuration does not change; make another, as by config.with_overrides(['seed=1'])"
+
 
 class Section(BaseModel):
     """A group of parameters: no key that is not known, no change once made."""
@@ -37,7 +39,7 @@ class Section(BaseModel):
 
     if not TYPE_CHECKING:  # whom the fields tell what it takes
 
-        def __init__(self, **values: object) -> None:
+        def __init__(self, /, **values: object) -> None:
             try:
                 super().__init__(**values)
             except ValidationError as error:
@@ -47,10 +49,10 @@ class Section(BaseModel):
         __init__.__pydantic_base_init__ = True
 
         def __setattr__(self, name: str, value: object) -> None:
-            raise ConfigError(
-                f"{name} = {value!r:.60}: a configuration does not change; make another, as by "
-                "config.with_overrides(['seed=1'])"
-            )
+            raise ConfigError(f"{name} = {_shown(value)}: {_FIXED}")
+
+        def __delattr__(self, name: str) -> None:
+            raise ConfigError(f"{name}: {_FIXED}")
 
     @field_validator("*", mode="before")
     @classmethod
@@ -494,6 +496,13 @@ class MotionConfig(Section):
         "up to so much to either side, and half as much up and down, 3 degrees apart, are judged "
         "at a glance, and the likeliest registered; 0 for none. Not in the paper",
     )
+    along_px: Annotated[float, Field(ge=0, le=200)] = Field(
+        default=40.0,
+        description="where hardly any of the edges that could tell a motion is in its place "
+        "(status.min_told): these are looked for so far along it to either side, 2 px apart, and "
+        "the frame registered from where they fall clearly better; 0 does not look. Not in the "
+        "paper",
+    )
     inertia: Literal["loose", "none"] = Field(
         default="loose",
         description="where a registration is less sure than 10 mm or 0.4 degrees: it is weighed "
@@ -599,6 +608,9 @@ class StatusConfig(Section):
 
 class Config(Section):
     """Everything the odometry can be told.
+
+    What is left out is that of the preset, of a section given by its keys, too; one that is given
+    as an object counts whole.
 
     Examples
     --------
@@ -784,6 +796,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         },
         "motion": {
             "search_deg": 0.0,
+            "along_px": 0.0,
             "prior_stride": 4,
             "depth_delay": "none",
             "repeated_depth": "new",
@@ -844,7 +857,12 @@ def _first_problem(error: ValidationError, where: str, model: type[BaseModel]) -
     if first["type"] == "extra_forbidden":
         return f"{where}: unknown key {key!r}; {_known(key, model)}"
     message = first["msg"].removeprefix("Value error, ")
-    return f"{where}: {key} = {first['input']!r}: {message}"
+    return f"{where}: {key} = {_shown(first['input'])}: {message}"
+
+
+def _shown(value: object) -> str:
+    """Show a value in a line."""
+    return f"{' '.join(repr(value).split()):.60}"
 
 
 def _known(key: str, model: type[BaseModel]) -> str:

@@ -2,8 +2,12 @@
 
 Not in the paper. Where most edges run along a motion, they fit wherever along it the camera is, and
 set the scale of the residuals; the few across it, once they are off by more than that, are left out
-as wrong matches, one and all, and the pose stays where it was expected.
+as wrong matches, one and all, and the pose stays where it was expected. Off by more still, the
+edges nearest to them are some of those along it, which fit any such edge: only by their own
+gradients do they tell that they are amiss.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +22,26 @@ TELLING_M, TELLING_RAD = 0.05, np.radians(2.0)  # what tells a motion no better 
 SHARED = 100.0  # edges that err together: so many count as one
 _ENOUGH = SHARED / np.array([TELLING_M] * 3 + [TELLING_RAD] * 3) ** 2
 NONE = np.empty((0, 6))
+IN_PLACE = 3.0  # times the scale of the residuals
+ALIKE = 0.7  # cosine between the gradients of an edge and its match: 45 degrees
+RIM_PX = 8.0  # from the border of the reference
+MOST = 0.9  # of what those off tell of a motion, the strongest left out
+ACROSS = 0.5  # of what one of these does: so much an edge across tells at least
+
+
+class Amiss(NamedTuple):
+    """A motion that edges tell by their own gradients, and hardly any does that is in its place.
+
+    Attributes
+    ----------
+    twist : ndarray of float64, shape (6,)
+        [v, w] of the reference camera, by which these edges move by one pixel, in the median.
+    across : ndarray of bool, shape (N,)
+        The samples that tell it, in their places or not.
+    """
+
+    twist: NDArray[np.float64]
+    across: NDArray[np.bool_]
 
 
 class Evidence:
@@ -37,6 +61,7 @@ class Evidence:
         self._camera, self._pinhole = camera, camera_of(camera)
         self._solver, self._least = solver, least
         self._last: tuple[Alignment | None, NDArray[np.float64]] = None, NONE
+        self._last_amiss: tuple[Alignment | None, Amiss | None] = None, None
 
     def untold(
         self, reference: EdgePixels, samples: EdgePixels, alignment: Alignment
@@ -95,3 +120,63 @@ class Evidence:
         twists = (to_unit.T @ ways[:, times > 1 / self._least - 1]).T
         untold: NDArray[np.float64] = twists / np.linalg.norm(twists, axis=1, keepdims=True)
         return untold
+
+    def amiss(
+        self, reference: EdgePixels, samples: EdgePixels, alignment: Alignment
+    ) -> Amiss | None:
+        """Find the motion that edges could tell best which are in no place of theirs.
+
+        As `untold`, but R is of all samples in view of the reference whose match is too far off, or
+        turned otherwise than they are, by what their own gradients tell.
+
+        Parameters
+        ----------
+        reference : EdgePixels
+            Edges of the reference.
+        samples : EdgePixels
+            Of the frame, that were registered.
+        alignment : Alignment
+
+        Returns
+        -------
+        Amiss or None
+            None where at least the least share of each motion is told.
+        """
+        if not self._least or not alignment.sigma_px or alignment.reason in FAILURES:
+            return None
+        if self._last_amiss[0] is not alignment:
+            self._last_amiss = alignment, self._amiss(reference, samples, alignment)
+        return self._last_amiss[1]
+
+    def _amiss(
+        self, reference: EdgePixels, samples: EdgePixels, alignment: Alignment
+    ) -> Amiss | None:
+        """Find this motion of a registration that was not asked about yet."""
+        sigma, times = alignment.sigma_px, 1 / self._least - 1
+        told, left = np.empty((6, 6)), np.empty((6, 6))
+        given = (
+            samples.points(self._camera),
+            samples.gradients,
+            reference.gradients,
+            alignment.matches,
+            alignment.residuals,
+            alignment.trust,
+            self._pinhole,
+            alignment.T_ref_cur,
+            kernels.Places(IN_PLACE * sigma, ALIKE, RIM_PX),
+        )
+        solver, H = self._solver, alignment.H
+        if not kernels.is_amiss(*given, solver, sigma, H, _ENOUGH, times, told, left):
+            return None
+        rows, off = np.empty((len(samples), 6)), np.empty(len(samples), np.uint8)
+        kernels.find_amiss(*given, rows, off)
+        is_off = off.view(np.bool_)
+        to_unit = np.linalg.inv(np.linalg.cholesky(told))
+        ways = np.linalg.eigh(to_unit @ left @ to_unit.T)[1]
+        twist = to_unit.T @ ways[:, -1]
+        moved = np.abs(rows @ twist)
+        tells = np.sort(moved[is_off])
+        told_by = np.cumsum(tells**2)  # most of those off may tell nothing of it
+        strong = tells[np.searchsorted(told_by, MOST * told_by[-1])]
+        across = moved > ACROSS * strong
+        return Amiss(twist / np.median(moved[across & is_off]), across)

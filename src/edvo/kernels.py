@@ -256,6 +256,14 @@ class PlaneMatches(NamedTuple):
     point: I32  # (M,) which point it is
 
 
+class Places(NamedTuple):
+    """When an edge in view of the reference is in its place there."""
+
+    most_px: float  # from its match, times its trust
+    least_dot: float  # of its gradient and that of its match
+    rim_px: float  # of the reference: what is nearer to its border may not be in view
+
+
 class Chamfer(NamedTuple):
     """Edges to be judged by how near they fall to those of a reference image."""
 
@@ -4990,15 +4998,10 @@ def is_told(
     each motion in units of ``sigma``, too. Returns whether that so many ``times`` is more than is
     left out, along each motion, or is no number; what is ``left`` is not written then.
     """
-    J, rest = np.empty(6), np.empty((6, 6))
+    J = np.empty(6)
     square = sigma * sigma
     inverse = 1 / square
-    is_number = True
-    for m in range(6):
-        for n in range(6):
-            told[m, n] = H[m, n] + square * enough[m] if m == n else H[m, n]
-            is_number &= np.isfinite(told[m, n])
-    if not is_number:
+    if not add_enough(H, square, enough, told):
         return True
     most = robust_weight(0.0, solver.weight, solver.tuning)
     left[:] = 0
@@ -5021,10 +5024,152 @@ def is_told(
             for n in range(m + 1):
                 left[m, n] += share * J[m] * J[n]
     mirror_lower(left)
+    return is_more(told, times, left)
+
+
+@lean
+def add_enough(H: F64, square: float, enough: F64, told: F64) -> bool:
+    """Write H and ``square`` times what is ``enough`` (6,) of each motion; say if all is finite."""
+    is_number = True
+    for m in range(6):
+        for n in range(6):
+            told[m, n] = H[m, n] + square * enough[m] if m == n else H[m, n]
+            is_number &= np.isfinite(told[m, n])
+    return is_number
+
+
+@compiled
+def is_more(told: F64, times: float, left: F64) -> bool:
+    """Say whether so many ``times`` what is told is more than is left, along each motion."""
+    rest = np.empty((6, 6))
     for m in range(6):
         for n in range(6):
             rest[m, n] = times * told[m, n] - left[m, n]
     return factorize(rest, 0.0, np.empty((6, 6)))
+
+
+@lean
+def rolled(T: F64, gu: float, gv: float) -> tuple[float, float]:
+    """Roll a gradient as the camera has, about as those of a surface that it looks at do."""
+    u, v = T[0, 0] * gu + T[0, 1] * gv, T[1, 0] * gu + T[1, 1] * gv
+    length = np.sqrt(u * u + v * v)
+    if not length > 0:
+        return 0.0, 0.0
+    return u / length, v / length
+
+
+@lean
+def write_own_row(
+    x: float,
+    y: float,
+    z: float,
+    gu: float,
+    gv: float,
+    camera: Pinhole,
+    T: F64,
+    rim: float,
+    row: F64,
+) -> bool:
+    """Write what an edge tells of a motion by its own gradient, px; not in view it is 0.
+
+    The gradient is that in the reference, which the edge is in view of if it is ``rim`` px from its
+    border.
+    """
+    row[:] = 0
+    px = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
+    py = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
+    pz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+    if not pz >= MIN_DEPTH or (gu == 0 and gv == 0):
+        return False
+    u, v = camera.fx * px / pz + camera.cx, camera.fy * py / pz + camera.cy
+    if not (rim < u < camera.width - 1 - rim and rim < v < camera.height - 1 - rim):
+        return False
+    au, av = gu * camera.fx / pz, gv * camera.fy / pz
+    write_row(au, av, -(au * px + av * py) / pz, px, py, pz, row)
+    return True
+
+
+@lean
+def is_in_place(
+    gu: float, gv: float, k: int, gradients: F32, off_px: float, most_px: float, least_dot: float
+) -> bool:
+    """Say whether an edge has a match ``k``, near it and turned alike."""
+    near = k >= 0 and abs(off_px) <= most_px
+    return near and gu * gradients[k, 0] + gv * gradients[k, 1] >= least_dot
+
+
+@compiled
+def is_amiss(
+    points: F64,
+    own: F32,
+    gradients: F32,
+    matches: I32,
+    residuals: F64,
+    trust: F64,
+    camera: Pinhole,
+    T: F64,
+    places: Places,
+    solver: Solver,
+    sigma: float,
+    H: F64,
+    enough: F64,
+    times: float,
+    told: F64,
+    left: F64,
+) -> bool:
+    """Say whether edges in no place of theirs could tell more than ``times`` what is told.
+
+    ``own`` (N, 2) are the unit gradients of the samples; for the others and ``told`` see `is_told`.
+    Writes what is ``left``, px^2: the curvature of these edges, were they in their places, by their
+    own gradients. Nothing is amiss where H is no number.
+    """
+    if not add_enough(H, sigma * sigma, enough, told):
+        return False
+    most = robust_weight(0.0, solver.weight, solver.tuning)
+    J, count = np.empty(6), 0
+    left[:] = 0
+    for i in range(matches.size):
+        gu, gv = rolled(T, own[i, 0], own[i, 1])
+        off = trust[i] * residuals[i]
+        if is_in_place(gu, gv, matches[i], gradients, off, places.most_px, places.least_dot):
+            continue
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        if not write_own_row(x, y, z, gu, gv, camera, T, places.rim_px, J):
+            continue
+        count += 1
+        for m in range(6):
+            for n in range(m + 1):
+                left[m, n] += most * J[m] * J[n]
+    mirror_lower(left)
+    return count > 0 and not is_more(told, times, left)
+
+
+@compiled
+def find_amiss(
+    points: F64,
+    own: F32,
+    gradients: F32,
+    matches: I32,
+    residuals: F64,
+    trust: F64,
+    camera: Pinhole,
+    T: F64,
+    places: Places,
+    rows: F64,
+    amiss: U8,
+) -> None:
+    """Tell which edges are in no place of theirs; for the parameters see `is_amiss`.
+
+    Writes what each tells of a motion into ``rows`` (N, 6), 0 where it is not in view of the
+    reference; and 1 into ``amiss`` (N,) where it is in view and not in its place, else 0.
+    """
+    for i in range(matches.size):
+        gu, gv = rolled(T, own[i, 0], own[i, 1])
+        off = trust[i] * residuals[i]
+        in_place = is_in_place(gu, gv, matches[i], gradients, off, places.most_px, places.least_dot)
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        in_view = write_own_row(x, y, z, gu, gv, camera, T, places.rim_px, rows[i])
+        amiss[i] = in_view and not in_place
 
 
 # ----------------------------------------------------------------------------- what stands still

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from edvo import kernels, se3
 from edvo.course import FASTEST_M_S, LONGEST_PREDICTION_S, Course
 from edvo.doubt import STEPPED, Doubt
+from edvo.evidence import Amiss
 from edvo.hunting import STRIDE
 from edvo.kit import Kit
 from edvo.planes import DepthTerm, thinned
@@ -83,16 +84,19 @@ class Locator:
         unsure = status is not Status.TRACKED or self._judge.scatter.fits_less(alignment)
         unsure = unsure or self._leaves_out(seen, alignment)
         new = not self._judge.scatter.is_known
-        if not far and not unsure and not new:
+        if not far and not unsure and not new and self._amiss(seen, alignment) is None:
             return alignment, status, reason
         with self._clock("search"):
             narrow = not far and self._begins_narrow
-            if narrow and (unsure or self._promises(seen, starts, term, alignment)):
+            if narrow and (unsure or (new and self._promises(seen, starts, term, alignment))):
                 alignment = self._widely(seen, starts, term, alignment)
                 status, reason = self.assess(alignment, timestamp)
             if status is not Status.TRACKED or new:
                 other = self._search.around(key, course.T_key_last, seen, alignment)
                 alignment = self._better(alignment, other, timestamp)
+                status, reason = self.assess(alignment, timestamp)
+            if not far and status is not Status.LOST:
+                alignment = self._along(seen, term, alignment)
                 status, reason = self.assess(alignment, timestamp)
             if not far or status is Status.DEGRADED:
                 return alignment, status, reason
@@ -223,6 +227,26 @@ class Locator:
             return False
         edges = self._course.key.edges_for(near=seen.is_near).edges
         return len(self._evidence.untold(edges, seen.samples, alignment)) > 0
+
+    def _amiss(self, seen: Seen, alignment: Alignment) -> Amiss | None:
+        """Say along which motion hardly any edge that could tell it is in its place."""
+        if not self._config.motion.along_px or not self._begins_narrow:
+            return None  # there is no wider scale to look by
+        edges = self._course.key.edges_for(near=seen.is_near).edges
+        return self._evidence.amiss(edges, seen.samples, alignment)
+
+    def _along(self, seen: Seen, term: DepthTerm, found: Alignment) -> Alignment:
+        """Look for such edges along such a motion, and register widely from where they fall."""
+        amiss = self._amiss(seen, found)
+        if amiss is None:
+            return found
+        few = seen.samples.where(amiss.across)
+        reach_px = self._config.motion.along_px
+        start = self._course.key.chamfer.along(few, found.T_ref_cur, amiss.twist, reach_px)
+        if start is None:
+            return found
+        along = self._register(seen, start[None], term, first_sigma_px=WIDE_PX)
+        return self._better(found, along, seen.frame.timestamp)
 
     def leaps(self, alignment: Alignment, timestamp: float) -> bool:
         """Whether a registration is farther from where it was expected than a hand moves a camera.

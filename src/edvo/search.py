@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from edvo import se3
 from edvo.camera import Camera
-from edvo.chamfer import Guess
+from edvo.chamfer import AS_WELL, Guess
 from edvo.config import Config
 from edvo.course import FASTEST_M_S
 from edvo.edges import EdgePixels
@@ -31,7 +31,6 @@ ELSE_M, ELSE_RAD = 0.05, math.radians(1.5)  # guesses nearer to each other lead 
 DOUBTS = (1.0, 0.3, 0.1)  # times that of depth, where it may be out of step
 FAR_FIT = 0.15  # of the edges in view, both ways, in a far step: chance a quarter each way
 RIVALS = 3  # of places that cannot be told apart so many are followed at most
-AS_WELL = 0.96  # of the score of a place: by a glance that cannot be told from it
 ASIDE = np.array([far * side for far in ASIDE_M for side in SIDES])
 
 
