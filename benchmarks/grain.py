@@ -13,13 +13,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import cv2
-import numpy as np
 
 from benchmarks.frames import ROOT
 from benchmarks.instants import EXPOSURE_S, LATER_S, READOUT_S, STEPS
 from benchmarks.report import document
 from benchmarks.section import table
-from benchmarks.turning import Recorded, cell, score
+from benchmarks.turning import Recorded, cell, last_row, score
 from edvo.datasets import read_ahead
 from edvo.synthesis.clock import Clock
 from edvo.synthesis.renderer import Shutter
@@ -41,19 +40,16 @@ def main() -> None:
     parser.add_argument("--docs", action="store_true", help="put the table into docs/ as well")
     given = parser.parse_args()
     cv2.setNumThreads(1)
-    rows, errors, counts = [], [], []
+    rows, scores = [], []
     for name in given.only.split(","):
         for seed in SEEDS:
             for camera, recipe in cameras(name, seed).items():
                 clip = render(recipe)
                 measured = [score(clip, rule) for rule in RULES.values()]
                 rows.append([f"`{name}`, way {seed}", camera, *map(cell, measured)])
-                errors.append([error for error, _, _ in measured])
-                counts.append([[wrong, lost] for _, wrong, lost in measured])
+                scores.append(measured)
                 print(" | ".join(rows[-1]), flush=True)
-    means, sums = np.exp(np.log(errors).mean(axis=0)), np.sum(counts, axis=0)
-    last = [cell((mean, *both)) for mean, both in zip(means, sums.tolist(), strict=True)]
-    rows.append(["geometric mean, sums", "", *last])
+    rows.append(["geometric mean, sums", "", *last_row(scores)])
     measured_table = table(["rendered", "camera", *RULES], rows) + "\n"
     print("\nRPE, mm/s; tracked but wrong, lost\n\n" + measured_table)
     if given.docs:

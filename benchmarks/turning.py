@@ -153,7 +153,7 @@ def tabulate(
         The table: of errors, mm/s, frames tracked but wrong, and lost.
     """
     exposed = any(clip.exposure for clip in clips)
-    rows, errors, counts = [], [], []
+    rows, scores = [], []
     for clip in clips:
         if only and clip.scene not in only.split(","):
             continue
@@ -163,12 +163,9 @@ def tabulate(
         what = [f"`{clip.scene}`{rolling}", f"{clip.turn:.0f}"]
         what += [f"{1e3 * clip.exposure:.0f}"] * exposed
         rows.append([*what, *map(cell, measured)])
-        errors.append([error for error, _, _ in measured])
-        counts.append([[wrong, lost] for _, wrong, lost in measured])
+        scores.append(measured)
         print(" | ".join(rows[-1]), flush=True)
-    means, sums = np.exp(np.log(errors).mean(axis=0)), np.sum(counts, axis=0)
-    last = [cell((mean, *both)) for mean, both in zip(means, sums.tolist(), strict=True)]
-    rows.append(["geometric mean, sums", "", *[""] * exposed, *last])
+    rows.append(["geometric mean, sums", "", *[""] * exposed, *last_row(scores)])
     header = ["rendered", "turned at, deg/s", *["exposed, ms"] * exposed, *rules]
     measured_table = table(header, rows) + "\n"
     print("\nRPE, mm/s; tracked but wrong, lost\n\n" + measured_table)
@@ -206,6 +203,15 @@ def score(recorded: Recorded, rule: tuple[str, ...]) -> tuple[float, int, int]:
             assert found is not None
             squares.append((1e3 * found.rmse) ** 2)
     return float(np.sqrt(np.mean(squares))), wrong, lost
+
+
+def last_row(scores: Sequence[Sequence[tuple[float, int, int]]]) -> list[str]:
+    """Sum up the scores of clips by each rule: geometric means of errors, and sums."""
+    cells = []
+    for column in zip(*scores, strict=True):
+        errors, wrong, lost = zip(*column, strict=True)
+        cells.append(cell((float(np.exp(np.log(errors).mean())), sum(wrong), sum(lost))))
+    return cells
 
 
 def cell(measured: tuple[float, int, int]) -> str:

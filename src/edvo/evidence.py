@@ -63,6 +63,10 @@ class Evidence:
         self._last: tuple[Alignment | None, NDArray[np.float64]] = None, NONE
         self._last_amiss: tuple[Alignment | None, Amiss | None] = None, None
 
+    def _is_asked(self, alignment: Alignment) -> bool:
+        failed = not alignment.sigma_px or alignment.reason in FAILURES
+        return self._least > 0 and not failed
+
     def untold(
         self, reference: EdgePixels, samples: EdgePixels, alignment: Alignment
     ) -> NDArray[np.float64]:
@@ -86,7 +90,7 @@ class Evidence:
         ndarray of float64, shape (K, 6)
             Twists [v, w] of length 1 of the reference camera, K of 0 to 6.
         """
-        if not self._least or not alignment.sigma_px or alignment.reason in FAILURES:
+        if not self._is_asked(alignment):
             return NONE
         if self._last[0] is not alignment:  # a frame's is asked about where it is judged, and after
             self._last = alignment, self._untold(reference, samples, alignment)
@@ -115,16 +119,15 @@ class Evidence:
             left,
         ):
             return NONE
-        to_unit = np.linalg.inv(np.linalg.cholesky(told))
-        times, ways = np.linalg.eigh(to_unit @ left @ to_unit.T)
-        twists = (to_unit.T @ ways[:, times > 1 / self._least - 1]).T
+        times, ways = _pencil(left, told)
+        twists = ways[times > 1 / self._least - 1]
         untold: NDArray[np.float64] = twists / np.linalg.norm(twists, axis=1, keepdims=True)
         return untold
 
     def amiss(
         self, reference: EdgePixels, samples: EdgePixels, alignment: Alignment
     ) -> Amiss | None:
-        """Find the motion that edges could tell best which are in no place of theirs.
+        """Find the motion that edges tell best which are in no place of theirs.
 
         As `untold`, but R is of all samples in view of the reference whose match is too far off, or
         turned otherwise than they are, by what their own gradients tell.
@@ -142,7 +145,7 @@ class Evidence:
         Amiss or None
             None where at least the least share of each motion is told.
         """
-        if not self._least or not alignment.sigma_px or alignment.reason in FAILURES:
+        if not self._is_asked(alignment):
             return None
         if self._last_amiss[0] is not alignment:
             self._last_amiss = alignment, self._amiss(reference, samples, alignment)
@@ -171,12 +174,22 @@ class Evidence:
         rows, off = np.empty((len(samples), 6)), np.empty(len(samples), np.uint8)
         kernels.find_amiss(*given, rows, off)
         is_off = off.view(np.bool_)
-        to_unit = np.linalg.inv(np.linalg.cholesky(told))
-        ways = np.linalg.eigh(to_unit @ left @ to_unit.T)[1]
-        twist = to_unit.T @ ways[:, -1]
+        twist = _pencil(left, told)[1][-1]
         moved = np.abs(rows @ twist)
         tells = np.sort(moved[is_off])
         told_by = np.cumsum(tells**2)  # most of those off may tell nothing of it
         strong = tells[np.searchsorted(told_by, MOST * told_by[-1])]
         across = moved > ACROSS * strong
         return Amiss(twist / np.median(moved[across & is_off]), across)
+
+
+def _pencil(
+    left: NDArray[np.float64], told: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Say how many times what is told, (6, 6), is left: least first, (6,); and of which twists.
+
+    These are the rows of the second array, (6, 6).
+    """
+    to_unit = np.linalg.inv(np.linalg.cholesky(told))
+    times, ways = np.linalg.eigh(to_unit @ left @ to_unit.T)
+    return times, (to_unit.T @ ways).T
