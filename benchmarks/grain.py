@@ -1,11 +1,11 @@
-"""Scenes whose edges run one way, but for a few: what looking for these along a motion is worth.
+"""Scenes whose edges run one way, but for a few: what looking for these, and new ones, is worth.
 
     python -m benchmarks.grain [--only slats] [--docs]
 
-renders four seconds of a wall of slats, a floor of planks and the grain of a wooden floor, along
-two ways each, by an ideal camera and by one whose rows are read in 25 ms and exposed for 20, and
-whose depth is 14 ms later than its stamps tell; and tracks each four times, from two first frames
-with two seeds. Printed is what `benchmarks.turning` prints.
+renders four seconds of walls of slats, boards and bricks, of a floor of planks and of the grain of
+a wooden one, along two ways each, by an ideal camera and by one whose rows are read in 25 ms and
+exposed for 20, and whose depth is 14 ms later than its stamps tell; and tracks each four times,
+from two first frames with two seeds. Printed is what `benchmarks.turning` prints.
 """
 
 import argparse
@@ -28,9 +28,13 @@ from edvo.synthesis.sequence import Recipe, SyntheticSource, make_recipe
 PAGE = ROOT / "docs" / "theory" / "across.md"
 MARK = "<!-- measured: written by python -m benchmarks.grain --docs -->\n"
 SCENES = Path(__file__).with_name("scenes")
-NAMES, SEEDS = ("slats", "planks", "grain"), (1, 2)
+NAMES, SEEDS = ("slats", "boards", "bricks", "planks", "grain"), (1, 2)
 FRAMES, SPEED = 120, 0.4  # m/s
-RULES = {"default": (), "`along_px=0`": ("motion.along_px=0",)}
+RULES = {
+    "default": (),
+    "`along_px=0`": ("motion.along_px=0",),
+    "`tells_times=0`": ("keyframes.tells_times=0",),
+}
 
 
 def main() -> None:

@@ -43,6 +43,7 @@ LATE = (
     "edges.grey_steps=1",
     "keyframes.edge_scale=1",
     "edges.depth_rule=window",
+    "motion.along_px=0",
 )
 
 

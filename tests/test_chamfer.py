@@ -121,6 +121,18 @@ def test_the_score_is_that_of_the_twin(edges: EdgePixels, yaw: float) -> None:
     assert score == pytest.approx(expected, abs=1.5)  # float32 moves a few to the next cell
 
 
+def test_a_sweep_scores_poses_along_a_twist(edges: EdgePixels) -> None:
+    problem = ChamferMap(edges, CAMERA)._problem(edges.every(3))
+    rng, scores = np.random.default_rng(8), np.empty(7)
+    T, twist = se3.exp(rng.normal(0, 0.05, 6)), rng.normal(0, 0.02, 6)
+    kernels.chamfer_sweep(problem, T, twist, 1.5, scores)
+    room = np.empty(len(problem.directions), np.int32)
+    for k, score in enumerate(scores):
+        there = se3.exp(1.5 * (k - 3) * twist) @ T
+        assert score == pytest.approx(kernels.chamfer_score(problem, there, room), abs=1e-9)
+    assert len(set(scores)) > 3
+
+
 @pytest.mark.parametrize("asked", [12, 30])
 @pytest.mark.parametrize(("apart_deg", "apart_m"), [(3.0, 0.1), (8.0, 1e3), (0.0, 0.0)])
 def test_the_search_is_that_of_the_twin(

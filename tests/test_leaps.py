@@ -7,6 +7,7 @@ import pytest
 
 from edvo import scatter, se3
 from edvo.config import Config
+from edvo.doubt import DOUBTFUL_S, FOUND_FAR
 from edvo.locating import LEAPT
 from edvo.odometry import Odometry, Status
 from edvo.status import Judge
@@ -89,6 +90,27 @@ def test_where_nothing_else_is_found_it_is_lost(stairs, monkeypatch):
     results = [odometry.track(frame) for frame in frames[KNOWN - 1 :]]
     assert [result.status for result in results] == [Status.LOST, Status.LOST]
     assert {result.reason for result in results} == {LEAPT}
+
+
+def test_found_again_after_a_leap_the_way_there_is_in_doubt_for_a_second(stairs):
+    """Among things that are alike it may be the next one, now as then."""
+    camera, frames, _ = stairs
+    odometry = Odometry(camera)
+    results = [odometry.track(frame) for frame in frames[:2]]
+    odometry._course.velocity[:3] += 2.0
+    results += [odometry.track(frames[2])]
+    odometry._course.velocity[:3] -= 2.0
+    results += [odometry.track(frame) for frame in frames[3:]]
+    assert results[2].status is Status.LOST
+    assert results[2].reason == LEAPT
+    for result in results[3:]:
+        assert (result.status, result.reason) == (Status.DEGRADED, FOUND_FAR)
+    assert not odometry._doubt.is_way_loose(results[3].timestamp + DOUBTFUL_S)
+    skipped = Odometry(camera)
+    for frame in frames[:2]:
+        skipped.track(frame)
+    skipped.skip(frames[2].timestamp, "its file is broken")
+    assert skipped.track(frames[3]).status is Status.TRACKED
 
 
 @pytest.mark.parametrize(

@@ -168,15 +168,14 @@ class ChamferMap:
             None where they fall no better elsewhere, or as well in two places.
         """
         steps = int(reach_px / ALONG_PX)
-        ways = ALONG_PX * np.arange(-steps, steps + 1)
-        poses = [se3.exp(way * twist) @ T_ref_cur for way in ways]
-        scores = np.array([self.score(samples, pose) for pose in poses])
+        ways, scores = ALONG_PX * np.arange(-steps, steps + 1), np.empty(2 * steps + 1)
+        kernels.chamfer_sweep(self._problem(samples), T_ref_cur, twist, ALONG_PX, scores)
         best = int(np.argmax(scores))
         if scores[best] < scores[steps] + CLEARER:
             return None
         elsewhere = np.abs(ways - ways[best]) > ELSEWHERE_PX
         is_alone = scores[elsewhere].max(initial=0.0) <= AS_WELL * scores[best]
-        return poses[best] if is_alone else None
+        return se3.exp(ways[best] * twist) @ T_ref_cur if is_alone else None
 
     def score(self, samples: EdgePixels, T_ref_cur: NDArray[np.float64]) -> float:
         """Say how near edges fall to edges of like direction.

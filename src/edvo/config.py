@@ -402,6 +402,13 @@ class KeyframesConfig(Section):
         "its covariance (status.covariance) is smaller than the mean of the last half second; 1: "
         "not before the bounds. Not in the paper",
     )
+    tells_times: Annotated[float, Field(ge=0)] = Field(
+        default=4.0,
+        description="rule motion: where a motion is not constrained, a frame becomes the keyframe "
+        "at once whose own edges tell so many times more of it (1 or more), being out of the last "
+        "one's view; 0: not, and the one left is not come back to. With status.covariance and "
+        "status.min_told. Not in the paper",
+    )
     window: Annotated[int, Field(ge=1)] = Field(
         default=5,
         description="a new keyframe is registered with one before the last, too, where that is "
@@ -419,7 +426,8 @@ class KeyframesConfig(Section):
     earlier: Annotated[int, Field(ge=0)] = Field(
         default=4,
         description="where a frame fits the keyframe too little to be trusted, as where light goes "
-        "to and fro, so many of the nearest of those kept are tried in its place; 0: none. Needs "
+        "to and fro, so many of the nearest of those kept are tried in its place; 0: none, and "
+        "one that was left along what nothing told (tells_times) is not come back to. Needs "
         "planes.weight. Not in the paper",
     )
     min_overlap: Fraction = Field(
@@ -437,6 +445,13 @@ class KeyframesConfig(Section):
         "the image, times the lowest for a frame that shows what it does, so that it knows what "
         "other light shows more clearly; 1: the same. Not in the paper",
     )
+
+    @field_validator("tells_times")
+    @classmethod
+    def _is_more(cls, times: float) -> float:
+        if 0 < times < 1:
+            raise ValueError("give 0, or 1 and more")
+        return times
 
 
 class MotionConfig(Section):
@@ -498,10 +513,10 @@ class MotionConfig(Section):
     )
     along_px: Annotated[float, Field(ge=0, le=200)] = Field(
         default=40.0,
-        description="where hardly any of the edges that could tell a motion is in its place "
-        "(status.min_told): these are looked for so far along it to either side, 2 px apart, and "
-        "the frame registered from where they fall clearly better; 0 does not look. Not in the "
-        "paper",
+        description="where less than half of the edges that could tell a motion are in their "
+        "places: these are looked for so far along it to either side, 2 px apart, and the frame "
+        "registered from where they fall clearly better; 0 does not look. With status.min_told. "
+        "Not in the paper",
     )
     inertia: Literal["loose", "none"] = Field(
         default="loose",
@@ -806,6 +821,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         },
         "keyframes": {
             "max_translation_m": 0.3,
+            "tells_times": 0.0,
             "window": 1,
             "stored": 0,
             "earlier": 0,

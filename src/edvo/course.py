@@ -1,5 +1,7 @@
 """The course of the camera: where it was last, how it moves, and since when that is a guess."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +19,17 @@ NOMINAL_PERIOD_S = 1 / 30  # stands in where stamps repeat, all but repeat, or g
 BACK_S = 1.0  # a clock that jumps back so far has begun anew
 # Lost for longer, by time and by frames, a frame may show any place that was seen before.
 LONG_LOST_S, LONG_LOST_FRAMES = 0.3, 3
+
+
+class Place(NamedTuple):
+    """Where a course is; for its parts see `Course`."""
+
+    keyframe: Keyframe | None
+    T_key_last: NDArray[np.float64]
+    T_world_last: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    stood: tuple[float, NDArray[np.float64]] | None
+    before: tuple[float, NDArray[np.float64], NDArray[np.float64]] | None
 
 
 class Course:
@@ -79,6 +92,22 @@ class Course:
         """The keyframe, where there is one for sure."""
         assert self.keyframe is not None
         return self.keyframe
+
+    @property
+    def place(self) -> Place:
+        """Where it is, to return to."""
+        where = self.T_key_last, self.T_world_last
+        return Place(self.keyframe, *where, self.velocity, self.stood, self.before)
+
+    def return_to(self, place: Place) -> None:
+        """Be where it was, as if it had never left.
+
+        Parameters
+        ----------
+        place : Place
+        """
+        self.keyframe, self.T_key_last, self.T_world_last = place[:3]
+        self.velocity, self.stood, self.before = place[3:]
 
     def compare_with(self, keyframe: Keyframe) -> None:
         """Register the next frame with another keyframe; where the camera is stays as it is.
@@ -223,8 +252,18 @@ class Course:
         if self.last_time is not None:
             self.before = self.last_time, self.T_world_last, self.velocity
         self.velocity = se3.log(T_last_cur) / seconds
-        self.T_key_last = T_key_cur.copy()  # whoever gets the registration may write to it
-        self.T_world_last = self.key.T_world_key @ T_key_cur
+        self._stand_at(T_key_cur)
+
+    def leap(self, T_key_cur: NDArray[np.float64]) -> None:
+        """Be elsewhere than where it was, by a step that is no motion: the velocity stays.
+
+        Parameters
+        ----------
+        T_key_cur : ndarray of float64, shape (4, 4)
+            Where it is, or must have been at the last frame.
+        """
+        self.stood = self.before = None
+        self._stand_at(T_key_cur)
 
     def drift(self, T_key_cur: NDArray[np.float64], velocity: NDArray[np.float64]) -> None:
         """Move on to a pose of which a part is where the camera was bound for.
@@ -238,7 +277,10 @@ class Course:
         if self.stood is None and self.last_time is not None:
             self.stood = self.last_time, self.T_world_last
         self.velocity = velocity.copy()
-        self.T_key_last = T_key_cur
+        self._stand_at(T_key_cur)
+
+    def _stand_at(self, T_key_cur: NDArray[np.float64]) -> None:
+        self.T_key_last = T_key_cur.copy()  # whoever gets the registration may write to it
         self.T_world_last = self.key.T_world_key @ T_key_cur
 
     def note_tracked(self, seconds: float) -> None:

@@ -23,8 +23,11 @@ DOUBTFUL_S = 1.0  # after what raises doubt, a pose is no better than the way th
 MOVED, ASTRAY = "something moved less than a second ago", "found again, lost from a doubtful pose"
 STEPPED = "a far step less than a second ago"
 WAS_LOOSE = "hardly constrained less than a second ago"
+PUT_RIGHT = "put right less than a second ago: till then it went along what hardly an edge told"
+FOUND_FAR = "found again less than a second ago, lost where it would have leapt"
 # Motion alone does not change a view so much in so short a time: light does, or a hand that comes.
 JUST_NOW_S = 0.1
+WRONG_M = 0.05  # that poses were off by, to be called wrong
 CHANGED = "less than a second ago the view had changed at once"
 LONG_SURE_S = 3.0  # after so long in doubt a pose that was sure tells nothing
 
@@ -41,6 +44,8 @@ class Doubt:
     ----------
     reason : str
         Of the last doubt.
+    way_reason : str
+        Of the last doubt on the way.
     moving_time : float
         When something was last seen to move by itself, seconds.
     is_sure : bool
@@ -52,7 +57,9 @@ class Doubt:
         self._course = course
         self._witness = Witness(kit.camera, kit.config.planes.sensor)
         self._time, self.reason = -math.inf, MOVED
-        self._loose_time = -math.inf  # when a keyframe was made of a pose that may be off
+        # When a keyframe was made of a pose that may be off, or the camera found elsewhere.
+        self._loose_time, self.way_reason = -math.inf, WAS_LOOSE
+        self._has_leapt = False
         self.moving_time = -math.inf
         self.is_sure = True
         # When a pose last was, and by which keyframe where.
@@ -83,15 +90,56 @@ class Doubt:
         """
         return 0 <= timestamp - self._time < DOUBTFUL_S
 
-    def cast_on_way(self, timestamp: float) -> None:
+    def cast_on_way(self, timestamp: float, reason: str = WAS_LOOSE) -> None:
         """Cast doubt on the way to what follows, which by itself is as good as any.
 
         Parameters
         ----------
         timestamp : float
             Seconds.
+        reason : str, optional
+            Why, for the result.
         """
-        self._loose_time = timestamp
+        self._loose_time, self.way_reason = timestamp, reason
+
+    def mind_mending(self, timestamp: float, off: float) -> None:
+        """Doubt the way to where it is now, if the poses before that were wrong.
+
+        Parameters
+        ----------
+        timestamp : float
+            Seconds.
+        off : float
+            By how much they were put right, m.
+        """
+        self._last_sure = None
+        if off > WRONG_M:
+            self.cast_on_way(timestamp, PUT_RIGHT)
+
+    def note_loss(self, *, leapt: bool) -> None:
+        """Take note of a loss.
+
+        Parameters
+        ----------
+        leapt : bool
+            Whether the frame fits farther from where it was expected than a hand moves a camera:
+            among things that are alike it may be the wrong one, now and when it is found again.
+        """
+        self._has_leapt |= leapt
+
+    def mind_leap(self, timestamp: float, *, is_proven: bool) -> None:
+        """Doubt the way to where it is now, if it was lost by a leap.
+
+        Parameters
+        ----------
+        timestamp : float
+            Seconds.
+        is_proven : bool
+            Whether it was looked for and found in both ways, which ends the doubt.
+        """
+        if self._has_leapt and not is_proven:
+            self.cast_on_way(timestamp, FOUND_FAR)
+        self._has_leapt = False
 
     def is_way_loose(self, timestamp: float) -> bool:
         """Whether the way here is in doubt.
@@ -110,6 +158,7 @@ class Doubt:
     def calm(self) -> None:
         """Let nothing be in doubt, by what was seen till now."""
         self._time = self.moving_time = self._loose_time = -math.inf
+        self._has_leapt = False
 
     def forget(self) -> None:
         """Drop what was seen on the way here."""

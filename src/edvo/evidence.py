@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from edvo import kernels
+from edvo import kernels, se3
 from edvo.camera import Camera
 from edvo.edges import EdgePixels
 from edvo.planes import camera_of
@@ -24,13 +24,14 @@ _ENOUGH = SHARED / np.array([TELLING_M] * 3 + [TELLING_RAD] * 3) ** 2
 NONE = np.empty((0, 6))
 IN_PLACE = 3.0  # times the scale of the residuals
 ALIKE = 0.7  # cosine between the gradients of an edge and its match: 45 degrees
+LOOKED_FOR = 0.5  # of what edges could tell: where less is told, those amiss are looked for
 RIM_PX = 8.0  # from the border of the reference
 MOST = 0.9  # of what those off tell of a motion, the strongest left out
 ACROSS = 0.5  # of what one of these does: so much an edge across tells at least
 
 
 class Amiss(NamedTuple):
-    """A motion that edges tell by their own gradients, and hardly any does that is in its place.
+    """A motion that edges tell by their own gradients, most of which are in no place of theirs.
 
     Attributes
     ----------
@@ -54,7 +55,7 @@ class Evidence:
     solver : kernels.Solver
         Of the registrations that are asked about.
     least : float
-        The share of what edges could tell of a motion that has to count; 0 does not ask.
+        The share of what edges could tell of a motion that has to count; 0 asks nothing.
     """
 
     def __init__(self, camera: Camera, solver: kernels.Solver, least: float) -> None:
@@ -143,7 +144,7 @@ class Evidence:
         Returns
         -------
         Amiss or None
-            None where at least the least share of each motion is told.
+            None where at least half of what they could tell of each motion is told.
         """
         if not self._is_asked(alignment):
             return None
@@ -155,7 +156,7 @@ class Evidence:
         self, reference: EdgePixels, samples: EdgePixels, alignment: Alignment
     ) -> Amiss | None:
         """Find this motion of a registration that was not asked about yet."""
-        sigma, times = alignment.sigma_px, 1 / self._least - 1
+        sigma, times = alignment.sigma_px, 1 / LOOKED_FOR - 1
         told, left = np.empty((6, 6)), np.empty((6, 6))
         given = (
             samples.points(self._camera),
@@ -181,6 +182,43 @@ class Evidence:
         strong = tells[np.searchsorted(told_by, MOST * told_by[-1])]
         across = moved > ACROSS * strong
         return Amiss(twist / np.median(moved[across & is_off]), across)
+
+    def would_tell(
+        self,
+        samples: EdgePixels,
+        alignment: Alignment,
+        motions: NDArray[np.float64],
+        times: float,
+    ) -> bool:
+        """Whether the edges of a frame tell far more of some motions than its registration does.
+
+        As those do that are out of the reference's view.
+
+        Parameters
+        ----------
+        samples : EdgePixels
+            Of the frame, that were registered; each tells by its own gradient, at full weight.
+        alignment : Alignment
+        motions : ndarray of float64, shape (K, 6)
+            Twists [v, w] of the reference camera that span them.
+        times : float
+            How many times more, of one of them at least: as they would leave less of its variance.
+
+        Returns
+        -------
+        bool
+        """
+        if not self._is_asked(alignment) or not len(motions):
+            return False
+        told, own = np.empty((6, 6)), np.empty((6, 6))
+        square, points = alignment.sigma_px**2, samples.points(self._camera)
+        if not kernels.add_enough(alignment.H, square, _ENOUGH, told):
+            return False
+        kernels.add_own_rows(points, samples.gradients, self._pinhole, self._solver, own)
+        to_current = se3.adjoint(se3.inverse(alignment.T_ref_cur))
+        own = to_current.T @ own @ to_current
+        less = motions @ (np.linalg.inv(told) - times * np.linalg.inv(told + own)) @ motions.T
+        return bool(np.linalg.eigvalsh(less)[-1] > 0)
 
 
 def _pencil(

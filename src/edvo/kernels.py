@@ -4239,6 +4239,17 @@ def chamfer_score(chamfer: Chamfer, T: F64, cells: I32) -> float:
 
 
 @compiled
+def chamfer_sweep(chamfer: Chamfer, T: F64, twist: F64, step: float, scores: F64) -> None:
+    """Score a pose and those beside it along a twist of the reference, ``step`` apart."""
+    cells = np.empty(chamfer.directions.size, np.int32)
+    there = np.empty((4, 4))
+    middle = scores.size // 2
+    for k in range(scores.size):
+        multiply(exp_se3(step * (k - middle) * twist), T, there)
+        scores[k] = chamfer_score(chamfer, there, cells)
+
+
+@compiled
 def chamfer_search(
     chamfer: Chamfer,
     starts: F64,
@@ -5142,6 +5153,25 @@ def is_amiss(
                 left[m, n] += most * J[m] * J[n]
     mirror_lower(left)
     return count > 0 and not is_more(told, times, left)
+
+
+@compiled
+def add_own_rows(points: F64, own: F32, camera: Pinhole, solver: Solver, told: F64) -> None:
+    """Write what edges tell of a motion of their own camera, each at full weight, px^2.
+
+    ``points`` (N, 3) and ``own`` (N, 2) are those of the samples, as in `is_amiss`.
+    """
+    most = robust_weight(0.0, solver.weight, solver.tuning)
+    J, T = np.empty(6), np.eye(4)
+    told[:] = 0
+    for i in range(points.shape[0]):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        if not write_own_row(x, y, z, own[i, 0], own[i, 1], camera, T, -np.inf, J):
+            continue
+        for m in range(6):
+            for n in range(m + 1):
+                told[m, n] += most * J[m] * J[n]
+    mirror_lower(told)
 
 
 @compiled

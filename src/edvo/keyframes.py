@@ -139,6 +139,21 @@ class KeyframeStore:
         """
         self._keyframes = [by if each is keyframe else each for each in self._keyframes]
 
+    def drop_since(self, keyframe: Keyframe) -> None:
+        """Drop those of its piece that are later than a keyframe: where they are is not known.
+
+        Parameters
+        ----------
+        keyframe : Keyframe
+            Is kept, or kept again.
+        """
+        self._keyframes = [
+            each
+            for each in self._keyframes
+            if each.piece != keyframe.piece or each.index < keyframe.index
+        ]
+        self.add(keyframe)
+
     def places(self, piece: int) -> list[tuple[int, NDArray[np.float64]]]:
         """Give the places of a piece.
 

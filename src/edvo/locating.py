@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +18,34 @@ from edvo.registration import AT_ONCE, FAILURES, Alignment
 from edvo.scatter import clarity, is_clearer, is_sharper
 from edvo.seen import Seen
 from edvo.status import SURE, Status, agreement, speed_of
+from edvo.uncertainty import degenerate_directions
 
 FAR_STEP = "a far step: of what both see enough fits, and nothing else does"
 NOT_ALONE = "a far step, and beside where it led the edges fit as well"
 WIDE_PX = 2.0  # scale of a second look: of a turn that was not foreseen by so much
 LEAP_M_S2 = 30.0  # what pushes a camera harder is a wrong match, more often than not
+NEWS_M, NEWS_SIGMAS = 0.005, 5.0  # that a camera has drifted by, at least
 LEAPT = "farther from where it was expected than a hand moves a camera"
+
+
+class PutRight(NamedTuple):
+    """A frame that was found far from where it was expected, where edges lie nowhere.
+
+    Attributes
+    ----------
+    alignment : Alignment
+    off : float
+        How far from where it was expected it was looked for, m.
+    T_key_last : ndarray of float64, shape (4, 4)
+        Where the camera must have been at the last frame, if as far off.
+    velocity : ndarray of float64, shape (6,)
+        Of the camera, in its own frame, 1/s: that of late, not what the last pose says.
+    """
+
+    alignment: Alignment
+    off: float
+    T_key_last: NDArray[np.float64]
+    velocity: NDArray[np.float64]
 
 
 class Locator:
@@ -41,11 +64,12 @@ class Locator:
         self._registration, self._fitter = kit.registration, kit.fitter
         self._depth_alone, self._search, self._judge = kit.depth_alone, kit.search, kit.judge
         self._shared, self._instants = kit.shared, kit.instants
-        self._evidence = kit.uncertainty.evidence
+        self._uncertainty, self._evidence = kit.uncertainty, kit.uncertainty.evidence
         two_stages = kit.config.matching.criterion == "robust-then-normal"
         self._begins_narrow = two_stages and kit.config.registration.first_sigma_px < WIDE_PX
         self._asks_scatter = kit.config.status.edge_jump > 0
         self._course, self._doubt = course, doubt
+        self._put_right: PutRight | None = None
 
     def locate(self, seen: Seen) -> tuple[Alignment, Status, str]:
         """Register a frame with the keyframe, and look farther afield where that is in doubt.
@@ -63,7 +87,7 @@ class Locator:
         far = course.is_far_step(timestamp)
         with self._clock("registration"):
             starts = self.starts(seen)
-            term = self._shared.term(self._fitter.term, course.period(timestamp))
+            term = self._term(timestamp)
             alignment = self._register(seen, starts, term, far=far)
         is_off = self._is_off_planes if far else self._judge.may_be_off
         if is_off(alignment):
@@ -126,9 +150,61 @@ class Locator:
             See `locate`.
         """
         timestamp = seen.frame.timestamp
-        term = self._shared.term(self._fitter.term, self._course.period(timestamp))
-        alignment = self._register(seen, self.starts(seen), term)
+        alignment = self._register(seen, self.starts(seen), self._term(timestamp))
         return alignment, *self.assess(alignment, timestamp)
+
+    def find_again(
+        self, seen: Seen, T_key_cur: NDArray[np.float64], T_last_cur: NDArray[np.float64]
+    ) -> tuple[Alignment, float] | None:
+        """Register a frame with a keyframe that it was left from, no matter how far by now.
+
+        The last pose of the course is put where it must have been then, if it is found or not.
+
+        Parameters
+        ----------
+        seen : Seen
+        T_key_cur : ndarray of float64, shape (4, 4)
+            Where it seems to be.
+        T_last_cur : ndarray of float64, shape (4, 4)
+            How the camera seems to have moved since the last frame.
+
+        Returns
+        -------
+        (Alignment, float) or None
+            And how far from there it seemed to be, m. None unless each motion is told, nothing is
+            in doubt, and that is far more than it may be off there.
+        """
+        course, term = self._course, self._term(seen.frame.timestamp)
+        T_cur_last = se3.inverse(T_last_cur)
+        course.leap(T_key_cur @ T_cur_last)  # by which depth and rows are moved
+        found = self._register_widely(seen, T_key_cur[None], term)
+        start = self._start_along(seen, found)
+        start = found.T_ref_cur if start is None else start
+        course.leap(start @ T_cur_last)
+        found = self._register_widely(seen, start[None], term)
+        course.leap(found.T_ref_cur @ T_cur_last)
+        sound = self._judge.judge(found, 0.0, 0.0)[0] is Status.TRACKED
+        sound = sound and self._judge.scatter.has_usual_depth(found)
+        edges = course.key.edges_for(near=seen.is_near).edges
+        asked = edges, seen.samples, found
+        sound = sound and self._evidence.amiss(*asked) is None
+        sound = sound and len(self._evidence.untold(*asked)) == 0
+        off = se3.distance(found.T_ref_cur, T_key_cur)
+        is_news = sound and off > NEWS_M and self._is_news(seen, term, found, T_key_cur)
+        return (found, off) if is_news else None
+
+    def _is_news(
+        self, seen: Seen, term: DepthTerm, found: Alignment, T_key_cur: NDArray[np.float64]
+    ) -> bool:
+        """Whether the keyframe tells each motion, and that the frame is not where it seemed."""
+        key = self._course.key
+        covariance = self._uncertainty.covariance(
+            key.edges, seen.samples, key.planes, seen.points, term, found
+        )
+        if len(degenerate_directions(covariance)):
+            return False
+        off = se3.log(found.T_ref_cur @ se3.inverse(T_key_cur))
+        return float(off @ np.linalg.solve(covariance, off)) > NEWS_SIGMAS**2
 
     def starts(self, seen: Seen) -> NDArray[np.float64]:
         """Poses to start from, relative to the keyframe.
@@ -193,7 +269,9 @@ class Locator:
         course, timestamp = self._course, seen.frame.timestamp
         if not course.follows(timestamp):
             return seen
-        T_last_cur = se3.inverse(course.T_key_last) @ alignment.T_ref_cur
+        put_right = self.put_right(alignment)
+        T_key_last = course.T_key_last if put_right is None else put_right.T_key_last
+        T_last_cur = se3.inverse(T_key_last) @ alignment.T_ref_cur
         return self._instants.settled(seen, T_last_cur, course.period(timestamp))
 
     def _lag(self, seen: Seen) -> kernels.Lag:
@@ -229,24 +307,59 @@ class Locator:
         return len(self._evidence.untold(edges, seen.samples, alignment)) > 0
 
     def _amiss(self, seen: Seen, alignment: Alignment) -> Amiss | None:
-        """Say along which motion hardly any edge that could tell it is in its place."""
-        if not self._config.motion.along_px or not self._begins_narrow:
-            return None  # there is no wider scale to look by
+        """Say along which motion most edges that could tell it are not in their places."""
+        motion = self._config.motion
+        if not motion.along_px or not motion.search_deg or not self._begins_narrow:
+            return None  # nobody looks, or there is no wider scale to look by
         edges = self._course.key.edges_for(near=seen.is_near).edges
         return self._evidence.amiss(edges, seen.samples, alignment)
 
     def _along(self, seen: Seen, term: DepthTerm, found: Alignment) -> Alignment:
         """Look for such edges along such a motion, and register widely from where they fall."""
-        amiss = self._amiss(seen, found)
-        if amiss is None:
-            return found
-        few = seen.samples.where(amiss.across)
-        reach_px = self._config.motion.along_px
-        start = self._course.key.chamfer.along(few, found.T_ref_cur, amiss.twist, reach_px)
+        start = self._start_along(seen, found)
         if start is None:
             return found
-        along = self._register(seen, start[None], term, first_sigma_px=WIDE_PX)
-        return self._better(found, along, seen.frame.timestamp)
+        course, timestamp = self._course, seen.frame.timestamp
+        off = self._off(start, timestamp)
+        if off <= self._limit(timestamp):
+            return self._better(found, self._register_widely(seen, start[None], term), timestamp)
+        before = course.place
+        course.leap(start @ se3.inverse(found.T_ref_cur) @ course.T_key_last)
+        along = self._register_widely(seen, start[None], term)
+        fits = is_sharper(along, found) and self.assess(along, timestamp)[0] is Status.TRACKED
+        T_key_last = course.T_key_last
+        course.return_to(before)  # till the frame is accepted
+        if not fits or self._amiss(seen, along) is not None:
+            return found
+        # where it has drifted, it was going as it went
+        velocity = course.cruise if before.stood is None else course.velocity
+        self._put_right = PutRight(along, off, T_key_last, velocity.copy())
+        self._doubt.forget_since(timestamp - course.period(timestamp))
+        return along
+
+    def _start_along(self, seen: Seen, found: Alignment) -> NDArray[np.float64] | None:
+        """Where along such a motion such edges fall clearly better, if there are any."""
+        amiss = self._amiss(seen, found)
+        if amiss is None:
+            return None
+        few = seen.samples.where(amiss.across)
+        reach_px = self._config.motion.along_px
+        return self._course.key.chamfer.along(few, found.T_ref_cur, amiss.twist, reach_px)
+
+    def put_right(self, alignment: Alignment) -> PutRight | None:
+        """Say how a frame was put right, if it was.
+
+        Parameters
+        ----------
+        alignment : Alignment
+            Of this frame.
+
+        Returns
+        -------
+        PutRight or None
+        """
+        put_right = self._put_right
+        return put_right if put_right is not None and put_right.alignment is alignment else None
 
     def leaps(self, alignment: Alignment, timestamp: float) -> bool:
         """Whether a registration is farther from where it was expected than a hand moves a camera.
@@ -261,20 +374,32 @@ class Locator:
         -------
         bool
             False where the last pose is older than a velocity lasts, so that nothing is expected,
-            or where it fits better than the last one, and is where it was expected before that.
+            or where it fits better than the last one, and is where it was expected before that, or
+            where it was put right.
         """
-        course, period = self._course, self._course.period(timestamp)
-        if period > LONGEST_PREDICTION_S:
-            return False
-        unknown = 0.0 if course.velocity.any() else FASTEST_M_S
-        limit = (unknown + LEAP_M_S2 * period) * period
-        T_world_cur = course.key.T_world_key @ alignment.T_ref_cur
-        if se3.distance(course.T_world_last @ course.ahead(timestamp), T_world_cur) <= limit:
+        off, limit = self._off(alignment.T_ref_cur, timestamp), self._limit(timestamp)
+        if off <= limit or self.put_right(alignment) is not None:
             return False
         if not self._judge.fits_better(alignment):
             return True
+        course = self._course
         T_expected = course.ahead_of_before(timestamp)  # the last one may have been astray
+        T_world_cur = course.key.T_world_key @ alignment.T_ref_cur
         return T_expected is None or se3.distance(T_expected, T_world_cur) > limit
+
+    def _off(self, T_key_cur: NDArray[np.float64], timestamp: float) -> float:
+        """How far a pose is from where it was expected, m; 0 where it was nowhere."""
+        course = self._course
+        if course.period(timestamp) > LONGEST_PREDICTION_S:
+            return 0.0
+        T_expected = course.T_world_last @ course.ahead(timestamp)
+        return se3.distance(T_expected, course.key.T_world_key @ T_key_cur)
+
+    def _limit(self, timestamp: float) -> float:
+        """How far from there a hand may move it, m."""
+        period = self._course.period(timestamp)
+        unknown = 0.0 if self._course.velocity.any() else FASTEST_M_S
+        return (unknown + LEAP_M_S2 * period) * period
 
     def _asks_depth(self, seen: Seen) -> bool:
         """Whether there is depth, to register by a second time."""
@@ -326,8 +451,17 @@ class Locator:
         Where most edges run along a motion they fit from the start, wherever along it that is, and
         the few across it, being off by more than these scatter, count as wrong matches.
         """
-        wide = self._register(seen, starts, term, first_sigma_px=WIDE_PX)
+        wide = self._register_widely(seen, starts, term)
         return self._better(found, wide, seen.frame.timestamp)
+
+    def _register_widely(
+        self, seen: Seen, starts: NDArray[np.float64], term: DepthTerm
+    ) -> Alignment:
+        return self._register(seen, starts, term, first_sigma_px=WIDE_PX)
+
+    def _term(self, timestamp: float) -> DepthTerm:
+        """What depth counts."""
+        return self._shared.term(self._fitter.term, self._course.period(timestamp))
 
     def _promises(
         self, seen: Seen, starts: NDArray[np.float64], term: DepthTerm, found: Alignment
@@ -340,7 +474,7 @@ class Locator:
             return True
         points = thinned(seen.points, math.sqrt(STRIDE) * seen.points.step_px)
         few = replace(seen, samples=seen.samples.every(STRIDE), points=points)
-        wide = self._register(few, starts, term, first_sigma_px=WIDE_PX)
+        wide = self._register_widely(few, starts, term)
         return wide.reason in FAILURES or is_sharper(wide, found, STRIDE)
 
     def _sharpest(

@@ -20,8 +20,8 @@ from edvo.course import (
 )
 from edvo.depth_alone import DepthAlone
 from edvo.detail import Detail, usual_detail, worthwhile_detail
-from edvo.doubt import ASTRAY, WAS_LOOSE, Doubt
-from edvo.earlier import EarlierKeyframes
+from edvo.doubt import ASTRAY, Doubt
+from edvo.earlier import Back, EarlierKeyframes
 from edvo.errors import ConfigError, FrameError
 from edvo.exposure import Exposure
 from edvo.frame import Frame, finite_seconds
@@ -30,7 +30,7 @@ from edvo.front_end import FrontEnd
 from edvo.inertia import Inertia
 from edvo.instants import Instants
 from edvo.kit import Kit
-from edvo.locating import Locator
+from edvo.locating import LEAPT, Locator
 from edvo.pieces import Pieces
 from edvo.places import Found
 from edvo.planes import DepthTerm, PlaneFitter, PlaneMap, PlanePoints
@@ -244,11 +244,14 @@ class Odometry:
                 return self._give_up(seen, UNSURE if adrift else NOWHERE, None)
             return self._resume(*found)
         alignment, status, reason, still = self._standing.register(seen)
-        back = None
+        back = self._come_back(seen, alignment, status) if still is None else None
+        is_back = back is not None
+        if back is not None:
+            alignment, status, reason = back.alignment, Status.TRACKED, ""
         if status is Status.LOST and not self._standing.is_moving(frame.timestamp):
-            back = self._earlier.go_back(seen)
-            if back is not None:
-                alignment, status, reason = back, Status.TRACKED, ""
+            other = self._earlier.go_back(seen)
+            if other is not None:
+                alignment, status, reason, is_back = other, Status.TRACKED, "", True
         if status is Status.LOST:
             # it may be where it was before
             found = self._recovery.find(seen) if self._pieces.here else None
@@ -260,16 +263,22 @@ class Odometry:
         registered = alignment, status, reason, still
         alignment, status, reason, still = self._standing.confirm(seen, *registered)
         if status is Status.LOST:
-            if back is not None:
+            if is_back:
                 self._earlier.stay()
             return self._lose_sight(seen, reason, alignment)
-        if back is not None:
+        if is_back:
             self._inertia.forget()
+        if back is not None and alignment is back.alignment:
+            self._earlier.settle()
+            self._upkeep.forget_good()
+            self._doubt.mind_mending(frame.timestamp, back.off)
         if status is Status.DEGRADED and still is None:
             self._doubt.mind_change(alignment, frame.timestamp)
-        joined = self._recovery.join(seen, alignment) if self._pieces.here else None
+        may_join = self._pieces.here and self._locator.put_right(alignment) is None
+        joined = self._recovery.join(seen, alignment) if may_join else None
         if joined is not None:
             self._inertia.forget()
+            self._earlier.forget()
             return self._accept(seen, joined, Status.DEGRADED, ASTRAY)
         return self._accept(seen, alignment, status, reason, still)
 
@@ -350,6 +359,7 @@ class Odometry:
         """Begin to count anew where a clock has jumped back, as a recording that starts over."""
         if self._course.rewind(timestamp):
             self._doubt.rewind()
+            self._earlier.forget()
             self._recovery.rewind(timestamp)
             self._standing.forget()
             self._instants.interrupt()
@@ -394,6 +404,7 @@ class Odometry:
 
     def _resume(self, found: Found, status: Status, reason: str) -> TrackedFrame:
         """Go on from where a lost camera is found."""
+        self._earlier.forget()
         return self._accept(found.seen, found.alignment, status, reason, found=found)
 
     def _accept(
@@ -418,12 +429,13 @@ class Odometry:
         period = seconds if course.is_blind else course.period(timestamp)
         follows = course.follows(timestamp) and found is None
         covariance = self._covariance(registered, alignment, compared)
-        self._move(alignment, covariance, T_last_cur, seconds, period, follows=follows)
+        self._move(timestamp, alignment, covariance, T_last_cur, seconds, period, follows=follows)
         velocity = course.velocity if follows else None
         if found is not None:
             velocity = found.velocity
             course.velocity = np.zeros(6) if velocity is None else velocity
         course.is_blind = False
+        doubt.mind_leap(timestamp, is_proven=found is not None)
         self._recovery.note()
         if status is Status.TRACKED and doubt.lasts(timestamp):
             status, reason = Status.DEGRADED, doubt.reason
@@ -434,16 +446,20 @@ class Odometry:
             self._front_end.note(registered, alignment)
             asked = () if seen.is_stale else compared
             self._shared.note(key.edges.edges, alignment, period, *asked)
-            with self._clock("registration"):
-                self._instants.note(key, registered, alignment, period)
+            if self._locator.put_right(alignment) is not None:
+                self._instants.interrupt()
+            else:
+                with self._clock("registration"):
+                    self._instants.note(key, registered, alignment, period)
             course.note_tracked(period)
         else:
             self._shared.interrupt()
             self._instants.interrupt()
-        degenerate: tuple[str, ...] = ()
+        loose = np.empty((0, 6))
         if covariance is not None:
             with self._clock("uncertainty"):
-                degenerate = tuple(describe(way) for way in degenerate_directions(covariance))
+                loose = degenerate_directions(covariance)
+        degenerate = tuple(describe(way) for way in loose)
         if course.anchor is not None and not degenerate:  # else it may still be off along those
             if course.unseen(timestamp) > LONG_LOST_S:
                 doubt.cast(timestamp, ASTRAY)
@@ -456,12 +472,13 @@ class Odometry:
             elif doubt.lasts(timestamp):
                 status, reason = Status.DEGRADED, doubt.reason
             elif doubt.is_way_loose(timestamp):
-                status, reason = Status.DEGRADED, WAS_LOOSE
+                status, reason = Status.DEGRADED, doubt.way_reason
             elif self._pieces.here:
                 status, reason = Status.DEGRADED, ANEW
         share = alignment.inliers / len(registered.samples)
         if not seen.is_stale and (status is Status.TRACKED or (doubt.is_sure and reason == ANEW)):
             self._upkeep.note_good(seen.frame, self._record.count, share)
+        tells_more = still is None and self._tells_more(seen, alignment, loose)
         T_key_cur, is_keyframe = self._upkeep.attend(
             seen,
             self._record.count,
@@ -471,9 +488,12 @@ class Odometry:
             velocity,
             is_whole=still is None,
             is_tracked=status is Status.TRACKED,
+            tells_more=tells_more,
         )
         if is_keyframe and self._inertia.is_adrift:
             doubt.cast_on_way(timestamp)
+        if is_keyframe and (tells_more or self._inertia.is_adrift):
+            self._earlier.leave(timestamp)
         return self._record.keep(
             timestamp,
             status,
@@ -486,6 +506,26 @@ class Odometry:
             covariance=covariance,
             degenerate=degenerate,
         )
+
+    def _tells_more(self, seen: Seen, alignment: Alignment, motions: NDArray[np.float64]) -> bool:
+        """Whether its edges, out of the keyframe's view, tell what its registration does not."""
+        rule, evidence = self.config.keyframes, self._uncertainty.evidence
+        if rule.rule != "motion" or not rule.tells_times or not len(motions):
+            return False
+        edges = self._course.key.edges_for(near=seen.is_near).edges
+        if evidence.amiss(edges, seen.samples, alignment) is not None:
+            return False  # edges in its view, but nowhere, say that the pose is off
+        return evidence.would_tell(seen.samples, alignment, motions, rule.tells_times)
+
+    def _come_back(self, seen: Seen, found: Alignment, status: Status) -> Back | None:
+        """Go on from the keyframe that was left along what nothing told, if that is to be had."""
+        if self._standing.is_moving(seen.frame.timestamp):
+            return None
+        back = self._earlier.come_back(seen, found, status)
+        if back is not None:  # what was seen since then was seen from elsewhere, believed or not
+            self._doubt.forget_since(back.since)
+            self._standing.forget(back.since)
+        return back
 
     def _covariance(
         self,
@@ -503,6 +543,7 @@ class Odometry:
 
     def _move(
         self,
+        timestamp: float,
         alignment: Alignment,
         covariance: NDArray[np.float64] | None,
         T_last_cur: NDArray[np.float64],
@@ -513,6 +554,15 @@ class Odometry:
     ) -> None:
         """Move on to the pose found, or where hardly anything constrains it, as it was going."""
         course, inertia, held = self._course, self._inertia, None
+        put_right = self._locator.put_right(alignment)
+        if put_right is not None:
+            self._doubt.mind_mending(timestamp, put_right.off)
+            self._standing.forget(timestamp - period)
+            self._upkeep.forget_good()
+            inertia.forget()
+            course.leap(alignment.T_ref_cur)
+            course.velocity = put_right.velocity
+            return
         if covariance is not None:
             with self._clock("uncertainty"):
                 held = inertia.settle(
@@ -544,6 +594,7 @@ class Odometry:
     ) -> TrackedFrame:
         """Leave the state as it was, so that the next frame tries again from the keyframe."""
         self._instants.interrupt()
+        self._doubt.note_loss(leapt=reason.startswith(LEAPT))
         self._recovery.note_lost(seen)
         if not self._course.losses:
             self._upkeep.store_last_good(self._record.count)

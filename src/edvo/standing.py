@@ -1,5 +1,7 @@
 """What a frame is located by: all of it, or what stands still where much moves by itself."""
 
+import math
+
 from edvo import se3
 from edvo.background import YOUNG_S, Background, Still
 from edvo.course import LONGEST_PREDICTION_S, Course
@@ -31,9 +33,15 @@ class Standing:
         asked = self._limits.moving == "leave-out" and self._limits.max_conflict > 0
         self._leaves_out = asked and kit.fitter.is_on
 
-    def forget(self) -> None:
-        """Drop what was seen on the way here."""
-        self._background.forget()
+    def forget(self, since: float = -math.inf) -> None:
+        """Drop what was seen on the way here.
+
+        Parameters
+        ----------
+        since : float, optional
+            Seconds; all where not given.
+        """
+        self._background.forget(since)
 
     def remember(self, seen: Seen) -> None:
         """Keep the depth of a frame whose pose is known, to tell later what has moved.

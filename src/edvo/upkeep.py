@@ -96,6 +96,7 @@ class Upkeep:
         *,
         is_whole: bool,
         is_tracked: bool,
+        tells_more: bool,
     ) -> tuple[NDArray[np.float64], bool]:
         """See to the keyframe after a frame that was registered with it, and noted in the course.
 
@@ -117,6 +118,8 @@ class Upkeep:
             Whether all of it was registered, and not only what stands still.
         is_tracked : bool
             Whether there is no doubt.
+        tells_more : bool
+            Whether its edges tell a motion of which the keyframe tells nothing.
 
         Returns
         -------
@@ -134,11 +137,13 @@ class Upkeep:
         # depth that is its own makes the better one, unless it is long in coming
         waits = seen.is_stale and seen.frame.depth_delay > -LARGEST_S
         due = certain and not waits
-        due = due and is_due(rule, T_key_cur, share, age, well_placed=better, close=close)
+        wanted = tells_more and age > 1
+        bounds = T_key_cur, share, age
+        due = due and (wanted or is_due(rule, *bounds, well_placed=better, close=close))
         # one that has gathered the last frame's edges, and serves no better, gives way
         fresh = seen.frame.timestamp - key.gathered_at > 1.5 * period
         gathers = due and fresh and seen.is_near and is_whole
-        gathers = gathers and may_gather(rule, key, T_key_cur, share)
+        gathers = gathers and not wanted and may_gather(rule, key, T_key_cur, share)
         together = rule.window > 2 and is_whole and velocity is not None and is_tracked
         if gathers:
             due = False
