@@ -322,13 +322,13 @@ def test_what_is_put_right_and_not_believed_leaves_the_course_as_it_was(
     odometry = Odometry(source.camera)
     slide(odometry, frames[:3], 0.06)
     course = odometry._course
-    place = course.place
+    place = course.whereabouts
     monkeypatch.setattr(odometry._doubt, "question", lambda *given: (Status.LOST, "no"))
     result = odometry.track(frames[3])
     assert result.alignment is not None
     assert odometry._locator.put_right(result.alignment) is not None
     assert result.status is Status.LOST
-    for now, then in zip(course.place[1:4], place[1:4], strict=True):
+    for now, then in zip(course.whereabouts[1:4], place[1:4], strict=True):
         np.testing.assert_array_equal(now, then)
 
 
@@ -462,7 +462,7 @@ def test_what_is_come_back_to_is_left_again_if_it_is_not_believed(
     monkeypatch.setattr(odometry._doubt, "question", ask)
     results, refused = [], 0
     for frame in boards.frames:
-        before = odometry._course.place, len(odometry._upkeep.store)
+        before = odometry._course.whereabouts, len(odometry._upkeep.store)
         results.append(odometry.track(frame))
         if results[-1].reason == "not believed":
             refused += 1

@@ -21,7 +21,7 @@ BACK_S = 1.0  # a clock that jumps back so far has begun anew
 LONG_LOST_S, LONG_LOST_FRAMES = 0.3, 3
 
 
-class Place(NamedTuple):
+class Whereabouts(NamedTuple):
     """Where a course is; for its parts see `Course`."""
 
     keyframe: Keyframe | None
@@ -94,20 +94,20 @@ class Course:
         return self.keyframe
 
     @property
-    def place(self) -> Place:
+    def whereabouts(self) -> Whereabouts:
         """Where it is, to return to."""
         where = self.T_key_last, self.T_world_last
-        return Place(self.keyframe, *where, self.velocity, self.stood, self.before)
+        return Whereabouts(self.keyframe, *where, self.velocity, self.stood, self.before)
 
-    def return_to(self, place: Place) -> None:
+    def return_to(self, there: Whereabouts) -> None:
         """Be where it was, as if it had never left.
 
         Parameters
         ----------
-        place : Place
+        there : Whereabouts
         """
-        self.keyframe, self.T_key_last, self.T_world_last = place[:3]
-        self.velocity, self.stood, self.before = place[3:]
+        self.keyframe, self.T_key_last, self.T_world_last = there[:3]
+        self.velocity, self.stood, self.before = there[3:]
 
     def compare_with(self, keyframe: Keyframe) -> None:
         """Register the next frame with another keyframe; where the camera is stays as it is.

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from edvo import se3
-from edvo.course import LONGEST_PREDICTION_S, Course, Place
+from edvo.course import LONGEST_PREDICTION_S, Course, Whereabouts
 from edvo.keyframes import Keyframe, KeyframeStore
 from edvo.kit import Kit
 from edvo.locating import Locator
@@ -78,7 +78,7 @@ class EarlierKeyframes:
         self._judge, self._clock, self._depth_alone = kit.judge, kit.clock, kit.depth_alone
         self._course, self._pieces = course, pieces
         self._locator, self._store = locator, store
-        self._before: Place | None = None
+        self._before: Whereabouts | None = None
         self._left: _Left | None = None
         self._asked = 0
 
@@ -130,11 +130,10 @@ class EarlierKeyframes:
             return None
         T_last_cur = course.ahead(timestamp)
         if status is not Status.LOST:
-            put_right = self._locator.put_right(found)
-            T_key_last = course.T_key_last if put_right is None else put_right.T_key_last
+            T_key_last = self._locator.last_pose(found)
             T_last_cur = se3.inverse(T_key_last) @ found.T_ref_cur
             T_left_last = T_left_key @ T_key_last
-        self._before = course.place
+        self._before = course.whereabouts
         course.compare_with(left.keyframe)
         with self._clock("search"):
             again = self._locator.find_again(seen, T_left_last @ T_last_cur, T_last_cur)
@@ -172,7 +171,7 @@ class EarlierKeyframes:
         bare = course.is_blind or self._depth_alone.has_to_tell(seen.samples)
         if not self._most or bare or course.period(timestamp) > LONGEST_PREDICTION_S:
             return None
-        self._before = course.place
+        self._before = course.whereabouts
         best: tuple[Keyframe, Alignment] | None = None
         course.stood = None
         with self._clock("search"):
@@ -205,5 +204,6 @@ class EarlierKeyframes:
     def _is_left(self, timestamp: float) -> bool:
         """Whether one is remembered."""
         left = self._left
-        is_here = left is not None and left.keyframe.piece == self._pieces.here
-        return is_here and left is not None and 0 <= timestamp - left.when <= LEFT_S
+        if left is None or left.keyframe.piece != self._pieces.here:
+            return False
+        return 0 <= timestamp - left.when <= LEFT_S

@@ -4240,7 +4240,10 @@ def chamfer_score(chamfer: Chamfer, T: F64, cells: I32) -> float:
 
 @compiled
 def chamfer_sweep(chamfer: Chamfer, T: F64, twist: F64, step: float, scores: F64) -> None:
-    """Score a pose and those beside it along a twist of the reference, ``step`` apart."""
+    """Score a pose and those beside it along a twist (6,) of the reference, ``step`` of it apart.
+
+    ``scores`` (2 N + 1,) are of N poses behind, of ``T`` (4, 4) itself, and of N ahead.
+    """
     cells = np.empty(chamfer.directions.size, np.int32)
     there = np.empty((4, 4))
     middle = scores.size // 2

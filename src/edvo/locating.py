@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from edvo import kernels, se3
 from edvo.course import FASTEST_M_S, LONGEST_PREDICTION_S, Course
 from edvo.doubt import STEPPED, Doubt
+from edvo.edges import EdgePixels
 from edvo.evidence import Amiss
 from edvo.hunting import STRIDE
 from edvo.kit import Kit
@@ -185,8 +186,7 @@ class Locator:
         course.leap(found.T_ref_cur @ T_cur_last)
         sound = self._judge.judge(found, 0.0, 0.0)[0] is Status.TRACKED
         sound = sound and self._judge.scatter.has_usual_depth(found)
-        edges = course.key.edges_for(near=seen.is_near).edges
-        asked = edges, seen.samples, found
+        asked = self._edges(seen), seen.samples, found
         sound = sound and self._evidence.amiss(*asked) is None
         sound = sound and len(self._evidence.untold(*asked)) == 0
         off = se3.distance(found.T_ref_cur, T_key_cur)
@@ -269,9 +269,7 @@ class Locator:
         course, timestamp = self._course, seen.frame.timestamp
         if not course.follows(timestamp):
             return seen
-        put_right = self.put_right(alignment)
-        T_key_last = course.T_key_last if put_right is None else put_right.T_key_last
-        T_last_cur = se3.inverse(T_key_last) @ alignment.T_ref_cur
+        T_last_cur = se3.inverse(self.last_pose(alignment)) @ alignment.T_ref_cur
         return self._instants.settled(seen, T_last_cur, course.period(timestamp))
 
     def _lag(self, seen: Seen) -> kernels.Lag:
@@ -303,16 +301,18 @@ class Locator:
         """Whether a motion that edges could tell is one that hardly any of them does."""
         if not self._begins_narrow:  # then there is no wider scale to begin with
             return False
-        edges = self._course.key.edges_for(near=seen.is_near).edges
-        return len(self._evidence.untold(edges, seen.samples, alignment)) > 0
+        return len(self._evidence.untold(self._edges(seen), seen.samples, alignment)) > 0
+
+    def _edges(self, seen: Seen) -> EdgePixels:
+        """Edges of the keyframe that a frame is registered with."""
+        return self._course.key.edges_for(near=seen.is_near).edges
 
     def _amiss(self, seen: Seen, alignment: Alignment) -> Amiss | None:
         """Say along which motion most edges that could tell it are not in their places."""
         motion = self._config.motion
         if not motion.along_px or not motion.search_deg or not self._begins_narrow:
             return None  # nobody looks, or there is no wider scale to look by
-        edges = self._course.key.edges_for(near=seen.is_near).edges
-        return self._evidence.amiss(edges, seen.samples, alignment)
+        return self._evidence.amiss(self._edges(seen), seen.samples, alignment)
 
     def _along(self, seen: Seen, term: DepthTerm, found: Alignment) -> Alignment:
         """Look for such edges along such a motion, and register widely from where they fall."""
@@ -323,7 +323,7 @@ class Locator:
         off = self._off(start, timestamp)
         if off <= self._limit(timestamp):
             return self._better(found, self._register_widely(seen, start[None], term), timestamp)
-        before = course.place
+        before = course.whereabouts
         course.leap(start @ se3.inverse(found.T_ref_cur) @ course.T_key_last)
         along = self._register_widely(seen, start[None], term)
         fits = is_sharper(along, found) and self.assess(along, timestamp)[0] is Status.TRACKED
@@ -360,6 +360,22 @@ class Locator:
         """
         put_right = self._put_right
         return put_right if put_right is not None and put_right.alignment is alignment else None
+
+    def last_pose(self, alignment: Alignment) -> NDArray[np.float64]:
+        """Say where the camera was at the last frame, as this one tells if it was put right.
+
+        Parameters
+        ----------
+        alignment : Alignment
+            Of this frame.
+
+        Returns
+        -------
+        ndarray of float64, shape (4, 4)
+            T_key_last.
+        """
+        put_right = self.put_right(alignment)
+        return self._course.T_key_last if put_right is None else put_right.T_key_last
 
     def leaps(self, alignment: Alignment, timestamp: float) -> bool:
         """Whether a registration is farther from where it was expected than a hand moves a camera.
