@@ -326,7 +326,7 @@ def test_what_is_put_right_and_not_believed_leaves_the_course_as_it_was(
     monkeypatch.setattr(odometry._doubt, "question", lambda *given: (Status.LOST, "no"))
     result = odometry.track(frames[3])
     assert result.alignment is not None
-    assert odometry._locator.put_right(result.alignment) is not None
+    assert odometry._locator.mender.put_right(result.alignment) is not None
     assert result.status is Status.LOST
     for now, then in zip(course.whereabouts[1:4], place[1:4], strict=True):
         np.testing.assert_array_equal(now, then)

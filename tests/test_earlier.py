@@ -98,7 +98,7 @@ def test_what_keyframes_are_off_each_other_is_no_motion(walk):
 
 def test_one_that_stands_farther_off_than_a_hand_moves_is_not_gone_back_to(walk, monkeypatch):
     odometry, frame = with_the_first_aside(walk)
-    monkeypatch.setattr("edvo.locating.LEAP_M_S2", 5.0)  # by 6 mm from frame to frame
+    monkeypatch.setattr("edvo.assessing.LEAP_M_S2", 5.0)  # by 6 mm from frame to frame
     assert odometry.track(frame).status is Status.LOST
     assert odometry._course.key.index == BEFORE - 1
 

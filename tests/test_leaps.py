@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from edvo import scatter, se3
+from edvo.assessing import LEAPT
 from edvo.config import Config
 from edvo.doubt import DOUBTFUL_S, FOUND_FAR
-from edvo.locating import LEAPT
 from edvo.odometry import Odometry, Status
 from edvo.status import Judge
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
@@ -140,7 +140,7 @@ def test_at_first_a_camera_may_go_as_fast_as_one_walks(stairs, speed, leaps):
     found = SimpleNamespace(
         T_ref_cur=se3.exp([speed / 30, 0, 0, 0, 0, 0]), agreeing=90, matches=np.zeros(100)
     )
-    assert odometry._locator.leaps(found, frames[0].timestamp + 1 / 30) is leaps
+    assert odometry._locator.assessor.leaps(found, frames[0].timestamp + 1 / 30) is leaps
     odometry._course.velocity[2] = 0.01
-    assert odometry._locator.leaps(found, frames[0].timestamp + 1 / 30)
-    assert not odometry._locator.leaps(found, frames[0].timestamp + 0.3)
+    assert odometry._locator.assessor.leaps(found, frames[0].timestamp + 1 / 30)
+    assert not odometry._locator.assessor.leaps(found, frames[0].timestamp + 0.3)

@@ -130,13 +130,13 @@ class EarlierKeyframes:
             return None
         T_last_cur = course.ahead(timestamp)
         if status is not Status.LOST:
-            T_key_last = self._locator.last_pose(found)
+            T_key_last = self._locator.mender.last_pose(found)
             T_last_cur = se3.inverse(T_key_last) @ found.T_ref_cur
             T_left_last = T_left_key @ T_key_last
         self._before = course.whereabouts
         course.compare_with(left.keyframe)
         with self._clock("search"):
-            again = self._locator.find_again(seen, T_left_last @ T_last_cur, T_last_cur)
+            again = self._locator.mender.find_again(seen, T_left_last @ T_last_cur, T_last_cur)
         if again is None:
             self.stay()
             return None

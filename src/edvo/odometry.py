@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from edvo.assessing import LEAPT
 from edvo.background import Still
 from edvo.blind import Blind
 from edvo.camera import Camera
@@ -30,7 +31,7 @@ from edvo.front_end import FrontEnd
 from edvo.inertia import Inertia
 from edvo.instants import Instants
 from edvo.kit import Kit
-from edvo.locating import LEAPT, Locator
+from edvo.locating import Locator
 from edvo.pieces import Pieces
 from edvo.places import Found
 from edvo.planes import DepthTerm, PlaneFitter, PlaneMap, PlanePoints
@@ -274,7 +275,7 @@ class Odometry:
             self._doubt.mind_mending(frame.timestamp, back.off)
         if status is Status.DEGRADED and still is None:
             self._doubt.mind_change(alignment, frame.timestamp)
-        may_join = self._pieces.here and self._locator.put_right(alignment) is None
+        may_join = self._pieces.here and self._locator.mender.put_right(alignment) is None
         joined = self._recovery.join(seen, alignment) if may_join else None
         if joined is not None:
             self._inertia.forget()
@@ -446,7 +447,7 @@ class Odometry:
             self._front_end.note(registered, alignment)
             asked = () if seen.is_stale else compared
             self._shared.note(key.edges.edges, alignment, period, *asked)
-            if self._locator.put_right(alignment) is not None:
+            if self._locator.mender.put_right(alignment) is not None:
                 self._instants.interrupt()
             else:
                 with self._clock("registration"):
@@ -554,7 +555,7 @@ class Odometry:
     ) -> None:
         """Move on to the pose found, or where hardly anything constrains it, as it was going."""
         course, inertia, held = self._course, self._inertia, None
-        put_right = self._locator.put_right(alignment)
+        put_right = self._locator.mender.put_right(alignment)
         if put_right is not None:
             self._doubt.mind_mending(timestamp, put_right.off)
             self._standing.forget(timestamp - period)

@@ -142,7 +142,7 @@ class Standing:
             still = self._background.register(key, seen, starts, self._course.cruise)
         if still is None:
             return None
-        status, _ = self._locator.assess(still.alignment, seen.frame.timestamp)
+        status, _ = self._locator.assessor.assess(still.alignment, seen.frame.timestamp)
         return None if status is Status.LOST else still
 
     def _stand_out(self, seen: Seen) -> Still | None:

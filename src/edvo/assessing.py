@@ -1,0 +1,190 @@
+"""Assessing registrations by how well they fit, and by where the camera was expected."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edvo import se3
+from edvo.course import FASTEST_M_S, LONGEST_PREDICTION_S, Course
+from edvo.doubt import Doubt
+from edvo.kit import Kit
+from edvo.registration import Alignment
+from edvo.scatter import clarity, is_sharper
+from edvo.status import Status, speed_of
+
+LEAP_M_S2 = 30.0  # what pushes a camera harder is a wrong match, more often than not
+LEAPT = "farther from where it was expected than a hand moves a camera"
+
+
+class Assessor:
+    """Says how far a registration is to be trusted, and which of two is the better.
+
+    Parameters
+    ----------
+    kit : Kit
+    course : Course
+        Says where the camera is expected.
+    doubt : Doubt
+        Says whether that is to be relied on.
+    """
+
+    def __init__(self, kit: Kit, course: Course, doubt: Doubt) -> None:
+        self._judge, self._course, self._doubt = kit.judge, course, doubt
+        self._asks_scatter = kit.config.status.edge_jump > 0
+        self._allowed: Alignment | None = None
+
+    def allow(self, alignment: Alignment) -> None:
+        """Let a registration be farther from where it was expected than a hand moves a camera.
+
+        Parameters
+        ----------
+        alignment : Alignment
+        """
+        self._allowed = alignment
+
+    def assess(self, alignment: Alignment, timestamp: float) -> tuple[Status, str]:
+        """Judge a registration by its evidence, and by how far it is from the last pose.
+
+        Parameters
+        ----------
+        alignment : Alignment
+        timestamp : float
+            Of the frame, seconds.
+
+        Returns
+        -------
+        (Status, str)
+            How far it is to be trusted, and why not further.
+        """
+        T_last_cur, period = self._course.moved(alignment.T_ref_cur, timestamp)
+        follows = self._course.follows(timestamp)
+        said = self._judge.judge(alignment, *speed_of(T_last_cur, period), follows=follows)
+        # from a doubtful pose, as one that went along with people, it may well come back at once
+        sure = self._doubt.is_sure and not self._doubt.lasts(timestamp)
+        expected = self._asks_scatter and sure
+        if said[0] is Status.LOST or not expected or not self.leaps(alignment, timestamp):
+            return said
+        return Status.LOST, LEAPT
+
+    def leaps(self, alignment: Alignment, timestamp: float) -> bool:
+        """Whether a registration is farther from where it was expected than a hand moves a camera.
+
+        Parameters
+        ----------
+        alignment : Alignment
+        timestamp : float
+            Of the frame, seconds.
+
+        Returns
+        -------
+        bool
+            False where the last pose is older than a velocity lasts, so that nothing is expected,
+            or where it fits better than the last one, and is where it was expected before that, or
+            where it was put right.
+        """
+        off, limit = self.off(alignment.T_ref_cur, timestamp), self.limit(timestamp)
+        if off <= limit or alignment is self._allowed:
+            return False
+        if not self._judge.fits_better(alignment):
+            return True
+        course = self._course
+        T_expected = course.ahead_of_before(timestamp)  # the last one may have been astray
+        T_world_cur = course.key.T_world_key @ alignment.T_ref_cur
+        return T_expected is None or se3.distance(T_expected, T_world_cur) > limit
+
+    def off(self, T_key_cur: NDArray[np.float64], timestamp: float) -> float:
+        """Say how far a pose is from where it was expected.
+
+        Parameters
+        ----------
+        T_key_cur : ndarray of float64, shape (4, 4)
+        timestamp : float
+            Of the frame, seconds.
+
+        Returns
+        -------
+        float
+            Metres; 0 where the last pose is older than a velocity lasts, so that nothing is
+            expected.
+        """
+        course = self._course
+        if course.period(timestamp) > LONGEST_PREDICTION_S:
+            return 0.0
+        T_expected = course.T_world_last @ course.ahead(timestamp)
+        return se3.distance(T_expected, course.key.T_world_key @ T_key_cur)
+
+    def limit(self, timestamp: float) -> float:
+        """Say how far from there a hand may move the camera.
+
+        Parameters
+        ----------
+        timestamp : float
+            Of the frame, seconds.
+
+        Returns
+        -------
+        float
+            Metres.
+        """
+        period = self._course.period(timestamp)
+        unknown = 0.0 if self._course.velocity.any() else FASTEST_M_S
+        return (unknown + LEAP_M_S2 * period) * period
+
+    def better(self, found: Alignment, other: Alignment, timestamp: float) -> Alignment:
+        """Of two that fit: what is not lost, else whose depth is not off, else the clearer.
+
+        What is tracked is only left for what is tracked, too, and clearly sharper.
+
+        Parameters
+        ----------
+        found, other : Alignment
+        timestamp : float
+            Of the frame, seconds.
+
+        Returns
+        -------
+        Alignment
+            One of them.
+        """
+        if other is found:
+            return found
+        if self.assess(found, timestamp)[0] is Status.TRACKED:
+            is_tracked = self.assess(other, timestamp)[0] is Status.TRACKED
+            return other if is_tracked and is_sharper(other, found) else found
+        lost = [self.is_lost(each, timestamp) for each in (found, other)]
+        off = [self._judge.is_off(each) for each in (found, other)]
+        for fails, other_fails in (lost, off):
+            if fails != other_fails:
+                return other if fails else found
+        return max(found, other, key=clarity)
+
+    def is_lost(self, alignment: Alignment, timestamp: float) -> bool:
+        """Say whether a registration is not to be trusted at all.
+
+        Parameters
+        ----------
+        alignment : Alignment
+        timestamp : float
+            Of the frame, seconds.
+
+        Returns
+        -------
+        bool
+        """
+        return self.assess(alignment, timestamp)[0] is Status.LOST
+
+    def is_impossible(self, alignment: Alignment, timestamp: float) -> bool:
+        """Say whether it leads where no camera can be, however well it fits.
+
+        Parameters
+        ----------
+        alignment : Alignment
+        timestamp : float
+            Of the frame, seconds.
+
+        Returns
+        -------
+        bool
+        """
+        T_last_cur, period = self._course.moved(alignment.T_ref_cur, timestamp)
+        is_jump = bool(self._judge.jump(*speed_of(T_last_cur, period)))
+        return is_jump or self.assess(alignment, timestamp)[1] == LEAPT
