@@ -308,12 +308,38 @@ def test_a_pose_that_gives_way_to_depth_hides_nothing_of_the_delay():
                 T_ref_cur=T, depth_balance=100.0, sigma_depth=3.0, sigma_px=0.1, H=None, lag=lag
             )
             moment = Moment(keyframe, here, found, period, velocity, velocity)
-            H, b = delay._equations(moment, T)
+            H, b = delay._equations(moment)
             H_edges = 0.5 * H
             found.H = H_edges + moves**2 * H
             T = se3.exp(-np.linalg.solve(found.H, H_edges @ se3.log(T) + moves * b)) @ T
         delay.learn(moment)
     assert delay.seconds == pytest.approx(0.006, rel=0.2)
+
+
+def test_what_is_made_up_for_stays_so_however_closely_depth_fits_by_then():
+    """Taken back, it would be many times off what is left, and no one would believe it."""
+    fitter = PlaneFitter(CAMERA, PlanesConfig())
+    planes = fitter.planes(surfaces(CAMERA, np.eye(4))[0])
+    keyframe, rng = SimpleNamespace(planes=planes), np.random.default_rng(3)
+    delay, period = DepthDelay(CAMERA, fitter, "measured"), 1 / 30
+    for _ in range(30):
+        velocity = rng.normal(0, 0.3, 6)
+        depth, _ = surfaces(CAMERA, se3.inverse(se3.exp(velocity * 0.008)))
+        here = delay.settled(replace(seen(), points=fitter.points(depth)), velocity)
+        near = kernels.new_plane_matches(len(here.points.sigma))
+        pinhole = delay._pinhole
+        count = kernels.match_planes(planes, here.points, pinhole, np.eye(4), fitter.term, near)
+        close = float(np.median(np.abs(near.residuals[:count]))) + 0.01
+        found = SimpleNamespace(
+            T_ref_cur=np.eye(4),
+            H=1e9 * np.eye(6),
+            depth_balance=1.0,
+            sigma_depth=close,
+            sigma_px=0.1,
+            lag=AT_ONCE,
+        )
+        delay.learn(Moment(keyframe, here, found, period, velocity, velocity))
+    assert delay.seconds == pytest.approx(0.008, rel=0.05)
 
 
 # ------------------------------------------------------------------------------------- sequences
@@ -352,28 +378,28 @@ def test_depth_that_is_older_by_its_stamps_costs_little(older):
 
 
 def test_a_delay_that_no_stamp_tells_is_measured():
-    """More than a quarter of it, where depth tells much of the pose."""
-    frames, truth = clip("cabinet", OLDER)
-    frames = [replace(frame, depth_delay=0.0) for frame in frames]
+    """And is made up for as well as one that is stamped."""
+    stamped, truth = clip("cabinet", OLDER)
+    frames = [replace(frame, depth_delay=0.0) for frame in stamped]
     # else late depth counts little, and harms as little; and less near a keyframe
     how = "planes.depth_doubt_rule=none", "keyframes.max_translation_m=0.3"
-    at_once, _, _ = follow(frames, truth, "none", *how)
+    told, _, _ = follow(stamped, truth, "stamps", *how)
     rmse, odometry, _ = follow(frames, truth, "measured", *how)
-    assert 1.5 * OLDER < odometry._instants.depth.seconds < 0.25 * OLDER
-    assert rmse < at_once
+    assert odometry.depth_delay == pytest.approx(OLDER, rel=0.15)
+    assert rmse < 1.1 * told
     odometry.reset()
     assert odometry._instants.depth.seconds == 0.0
 
 
-def test_a_delay_that_cannot_be_told_does_no_harm(older):
-    """Crisp edges all over the image: depth tells little of the pose, and of itself."""
+def test_a_delay_is_measured_where_depth_tells_little_of_the_pose(older):
+    """Crisp edges are all over the image."""
     frames, truth = older
     frames = [replace(frame, depth_delay=0.0) for frame in frames]
     whole = "planes.depth_doubt_rule=none"
     at_once, _, _ = follow(frames, truth, "none", whole)
     rmse, odometry, _ = follow(frames, truth, "measured", whole)
-    assert 1.5 * OLDER < odometry._instants.depth.estimate.likely < 0
-    assert rmse < 1.02 * at_once
+    assert odometry.depth_delay == pytest.approx(OLDER, rel=0.15)
+    assert rmse < 0.9 * at_once
 
 
 def test_where_there_is_none_none_is_found():

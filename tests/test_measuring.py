@@ -128,6 +128,17 @@ def test_the_certainty_of_a_frame_is_what_it_would_add():
     assert told.certainty(loose) == 0.0
 
 
+@pytest.mark.parametrize("left", [0.9, 0.5, 0.05])
+def test_what_little_is_left_after_the_pose_counts_less_for_it(left):
+    """Nobody knows to better than a tenth what it takes up; the number stays what it was."""
+    push = np.array([math.sqrt(1 - left), 0, 0, 0, 0, 0])
+    alone = Equations(1.0, -0.02 * left, push, np.zeros(6))
+    alignment = SimpleNamespace(H=np.eye(6), sigma_px=0.5)
+    information, gradient = alone.without_pose(alignment)
+    assert -gradient / information == pytest.approx(0.02)
+    assert information == pytest.approx(left / (left + 0.1 * (1 - left)) * left / 0.25)
+
+
 # --------------------------------------------------------------------------------------- moments
 
 
@@ -216,22 +227,73 @@ def test_an_interruption_begins_anew():
 # --------------------------------------------------------------------------------------- changes
 
 
+ALIKE = np.eye(6)  # each direction is told as well as the others
+
+
 def test_changes_are_from_the_mean_since_the_keyframe_began():
-    changes, keyframe = Changes(), object()
-    rows = [np.full((2, 6), value) for value in (0.0, 1.0, 5.0)]
-    assert changes.of(rows[0], keyframe, PERIOD) is None
-    np.testing.assert_allclose(changes.of(rows[1], keyframe, PERIOD), 1.0)
-    np.testing.assert_allclose(changes.of(rows[2], keyframe, PERIOD), 5.0 - 0.5)
-    assert changes.of(rows[2], object(), PERIOD) is None  # another's misfits are others
+    changes, keyframe, fade = Changes(), object(), math.exp(-PERIOD / SETTLING_S)
+    rows = [(ALIKE, np.full((2, 6), v), np.full(6, -v)) for v in (0.0, 1.0, 5.0)]
+    assert changes.of(*rows[0], keyframe, PERIOD) is None
+    so_far = 0.0
+    for row, expected in ((rows[1], 1.0), (rows[2], 5.0 - 1 / (1 + fade))):
+        change = changes.of(*row, keyframe, PERIOD)
+        so_far = fade * so_far + 1
+        kept = so_far / (so_far + 1 / SHARED)  # the mean of few frames is not known either
+        np.testing.assert_allclose(change.kept, kept * np.eye(6), rtol=1e-6, atol=1e-12)
+        np.testing.assert_allclose(change.whole, expected, rtol=1e-6)
+        np.testing.assert_allclose(change.twists, kept * expected, rtol=1e-6)
+        np.testing.assert_allclose(change.gradient, -kept * expected, rtol=1e-6)
+    assert changes.of(*rows[2], object(), PERIOD) is None  # another's misfits are others
+
+
+def test_a_misfit_that_stays_is_no_change_however_much_frames_tell():
+    """Of a wall now and of a corner then, closely and roughly: the twist asked for is the same."""
+    rng, changes, keyframe = np.random.default_rng(2), Changes(), object()
+    twist = rng.normal(size=6)
+    for k in range(8):
+        J = rng.normal(size=(20, 6)) * [1, 1, 1, 1, 1, k % 2]
+        H = 10.0 ** rng.uniform(-3, 3) * J.T @ J
+        change = changes.of(H, twist[None], H @ twist, keyframe, PERIOD)
+        if k > 1:  # by then each direction has been told
+            assert np.abs(change.whole).max() < 1e-4
+            assert np.abs(change.gradient).max() < 1e-4 * np.abs(H @ twist).max()
+
+
+@pytest.mark.parametrize("faint", [1.0, 0.01])
+def test_noise_of_a_corner_after_walls_is_no_number(faint):
+    """Of a direction that is hardly told at first the mean is noise, and counts as such."""
+    rng, off = np.random.default_rng(0), []
+    for _ in range(300):
+        changes, keyframe = Changes(), object()
+        for _ in range(8):
+            J = rng.normal(size=(200, 6))
+            J[:, 3:] *= faint if rng.random() < 0.5 else 1.0
+            H, gradient = J.T @ J, J.T @ rng.normal(size=200)
+            change = changes.of(H, rng.normal(size=(1, 6)), gradient, keyframe, PERIOD)
+            if change is not None:
+                told = change.whole @ H @ change.twists[0]
+                off.append(change.whole @ change.gradient / np.sqrt(told))
+    assert np.sqrt(np.mean(np.square(off))) < 3.0  # of residuals of which a hundred count as one
+
+
+def test_frames_that_tell_nothing_leave_the_mean_as_it_is():
+    changes, keyframe, nothing = Changes(), object(), np.zeros((6, 6))
+    for H, value in ((nothing, 7.0), (ALIKE, 1.0), (nothing, 3.0), (np.nan * ALIKE, 5.0)):
+        change = changes.of(H, np.full((1, 6), value), H @ np.full(6, value), keyframe, PERIOD)
+        assert (change is None) == (value != 3.0)  # nothing is known till then
+        if change is not None:
+            np.testing.assert_allclose(change.whole, 2.0, rtol=1e-6)
+            assert not change.gradient.any()
+    assert changes.of(ALIKE, np.ones((1, 6)), np.ones(6), keyframe, PERIOD) is not None
 
 
 def test_a_misfit_that_stays_is_no_change_after_a_while():
     changes, keyframe = Changes(), object()
-    steps = round(SETTLING_S / PERIOD)
+    steps, none, some = round(SETTLING_S / PERIOD), np.zeros((1, 6)), np.ones((1, 6))
     for _ in range(3 * steps):
-        changes.of(np.zeros((1, 6)), keyframe, PERIOD)
-    left = [changes.of(np.ones((1, 6)), keyframe, PERIOD)[0, 0] for _ in range(2 * steps)]
-    assert left[0] == 1.0
+        changes.of(ALIKE, none, none[0], keyframe, PERIOD)
+    left = [changes.of(ALIKE, some, some[0], keyframe, PERIOD).whole[0] for _ in range(2 * steps)]
+    assert left[0] == pytest.approx(1.0)
     assert left[steps] == pytest.approx(math.exp(-1), rel=0.05)
     assert left[-1] < 0.15
 

@@ -195,25 +195,27 @@ class DepthDelay:
         if not self.estimate.wanted or not alignment.depth_balance or seen.is_stale:
             return
         T = alignment.T_ref_cur
-        as_stamped = T @ se3.exp(moment.velocity * credible(seen.frame.depth_delay))
+        as_stamped = se3.exp(moment.velocity * credible(seen.frame.depth_delay))
         if seen.T_cam_depth is not None:
             as_stamped = as_stamped @ se3.inverse(seen.T_cam_depth)
-        H_planes, b_used = self._equations(moment, T)
-        moves = 1 + alignment.lag.share  # depth, as the pose does
-        _, b_stamped = self._equations(moment, as_stamped)
-        velocity = se3.adjoint(T) @ moment.velocity
-        now = np.array([velocity, b_stamped, moves * (b_stamped - b_used)])
-        changes = self._changes.of(now, moment.keyframe, moment.period)
-        if changes is None:
+        H, b = self._equations(moment)
+        to_reference = se3.adjoint(T)
+        twists = np.array([moment.velocity, se3.log(as_stamped)]) @ to_reference.T
+        # linear: beside the scale of what is left, depth as it was would be outliers
+        change = self._changes.of(H, twists, b + H @ twists[1], moment.keyframe, moment.period)
+        if change is None:
             return
-        change, stamped, pushed = changes
-        h = H_planes @ change
-        told = Equations(float(change @ h), float(change @ stamped), moves * h, pushed)
+        moves = 1 + alignment.lag.share  # depth, as the pose does
+        velocity, unmade = change.twists @ H
+        told = Equations(
+            float(change.whole @ velocity),
+            float(change.whole @ change.gradient),
+            moves * velocity,
+            moves * unmade,
+        )
         self.estimate.learn(told, alignment, moment.period)
 
-    def _equations(
-        self, moment: Moment, T: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _equations(self, moment: Moment) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Curvature and gradient of the term of depth in px^2."""
         alignment = moment.alignment
         H, b = np.empty((6, 6)), np.empty(6)
@@ -221,7 +223,7 @@ class DepthDelay:
             moment.keyframe.planes,
             moment.seen.points,
             self._pinhole,
-            T,
+            alignment.T_ref_cur,
             self._fitter.term,
             alignment.sigma_depth,
             alignment.depth_balance * (alignment.sigma_px / alignment.sigma_depth) ** 2,

@@ -18,9 +18,11 @@ from edvo.seen import Seen
 
 LONGEST_S = 0.2  # between frames, for the velocity to be known
 MEMORY_S = 5.0  # that a number is taken from: clocks wander
+UNTOLD = 1e-9  # of what is told in all, that is added to each direction
 SETTLING_S = 1.0  # that a misfit is averaged over, which its changes are taken from
 SHARED = 100.0  # points and edges that err together, from frame to frame too: so many count as one
 GATE = 3.0  # sigmas, that a frame may be off by
+TAKEN = 0.1  # of what the pose takes up is not known: edges count for more than they are worth
 REACHED = 0.5  # of how far a number is extrapolated it may be off by (one sigma)
 SURE = 2.0  # sigmas from 0, for a number to be one
 
@@ -59,15 +61,17 @@ class Equations:
         Returns
         -------
         tuple of (float, float), or None
-            One over the variance of the number, were all residuals independent, and the gradient
-            along the number, both in units of the scale; None where the pose is not constrained.
+            One over the variance of the number, were all residuals independent and what the pose
+            takes up known to a tenth, and the gradient along the number, in units of the scale, as
+            far as it counts; None where the pose is not constrained.
         """
         taken = taken_by_pose(alignment.H, self.mixed)
         if taken is None:
             return None
         scale = 1 / max(alignment.sigma_px, least_px) ** 2
-        information = max(self.curvature - float(self.mixed @ taken), 0.0) * scale
-        return information, (self.gradient - float(taken @ self.gradient_pose)) * scale
+        left = max(self.curvature - float(self.mixed @ taken), 0.0)
+        scale *= left / (left + TAKEN * (self.curvature - left)) if left else 0.0
+        return left * scale, (self.gradient - float(taken @ self.gradient_pose)) * scale
 
     def certainty(self, alignment: Alignment, least_px: float = 0.0) -> float:
         """Say how surely the number is told; for the parameters see `without_pose`.
@@ -285,35 +289,84 @@ class Moments:
         )
 
 
+class Change(NamedTuple):
+    """By how much a frame differs from those of late, of the same keyframe.
+
+    Attributes
+    ----------
+    twists : ndarray of float64, shape (N, 6)
+        Less their means, each times ``kept``.
+    whole : ndarray of float64, shape (6,)
+        The first of them, less its mean.
+    gradient : ndarray of float64, shape (6,)
+        Less what the mean asks for, and times ``kept`` transposed.
+    kept : ndarray of float64, shape (6, 6)
+        What is left of a twist, since a mean of few frames is not known either.
+    """
+
+    twists: NDArray[np.float64]
+    whole: NDArray[np.float64]
+    gradient: NDArray[np.float64]
+    kept: NDArray[np.float64]
+
+
 class Changes:
-    """Takes from vectors what they have been of late, as long as the keyframe stays."""
+    """Takes from twists what they have been of late, as long as the keyframe stays.
+
+    Their mean is that of least squares: how much a frame tells of each direction differs, and
+    gradients of frames that tell much and little have no mean.
+    """
 
     def __init__(self) -> None:
         self._keyframe: Keyframe | None = None
 
     def of(
-        self, now: NDArray[np.float64], keyframe: Keyframe, period: float
-    ) -> NDArray[np.float64] | None:
-        """Say by how much vectors differ from their mean of late.
+        self,
+        H: NDArray[np.float64],
+        twists: NDArray[np.float64],
+        gradient: NDArray[np.float64],
+        keyframe: Keyframe,
+        period: float,
+    ) -> Change | None:
+        """Say by how much twists, and that which a gradient asks for, differ from theirs of late.
+
+        The mean is not known either: with S the sum of H of late, H (S + H / 100)^-1 S is left of
+        H, as what a hundred residuals share stays for longer than a frame. So what no frame has
+        told of yet counts nothing.
 
         Parameters
         ----------
-        now : ndarray of float64, shape (N, 6)
+        H : ndarray of float64, shape (6, 6)
+            What the frame tells of each direction.
+        twists : ndarray of float64, shape (N, 6)
+        gradient : ndarray of float64, shape (6,)
+            H times the twist that it asks for.
         keyframe : Keyframe
         period : float
-            Seconds since the vectors before them.
+            Seconds since the frame before it.
 
         Returns
         -------
-        ndarray of float64, shape (N, 6), or None
+        Change or None
             None for the first ones of a keyframe.
         """
-        if keyframe is not self._keyframe:
-            self._keyframe, self._mean, self._age = keyframe, now, 0.0
+        sums = np.vstack([twists @ H, gradient])
+        if not np.isfinite(H).all() or not np.isfinite(sums).all():
             return None
-        change = now - self._mean
-        self._age += period
-        self._mean = self._mean + change * max(period / SETTLING_S, period / (period + self._age))
+        if keyframe is not self._keyframe:
+            self._keyframe, self._told, self._sums = (
+                keyframe,
+                np.zeros((6, 6)),
+                np.zeros(sums.shape),
+            )
+        told, change = self._told + UNTOLD * np.trace(self._told) * np.eye(6), None
+        if np.trace(told) > 0:
+            means = self._sums @ np.linalg.inv(told)
+            kept = np.linalg.solve(told + H / SHARED, told)
+            less = twists - means[:-1]
+            change = Change(less @ kept.T, less[0], kept.T @ (gradient - H @ means[-1]), kept)
+        fade = math.exp(-period / SETTLING_S)
+        self._told, self._sums = fade * self._told + H, fade * self._sums + sums
         return change
 
 

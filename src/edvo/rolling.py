@@ -151,17 +151,21 @@ class RollingShutter:
             shown = Equations(float(apart @ H_rows @ apart), 0.0, H_row @ apart, np.zeros(6))
             certainty = shown.certainty(alignment, SHARP_PX)
         # at the velocity of both steps, and as if nothing had been made up for
-        made_up = self._made_up(moment)
-        as_it_was = b_row - made_up * (H_rows @ (to_reference @ moment.expected))
-        none = -made_up * (H_row @ (to_reference @ moment.expected))
-        changes = self._changes.of(
-            np.array([velocity, as_it_was, none]), moment.keyframe, moment.period
+        unmade = -self._made_up(moment) * (to_reference @ moment.expected)
+        change = self._changes.of(
+            H_rows,
+            np.array([velocity, unmade]),
+            b_row + H_rows @ unmade,
+            moment.keyframe,
+            moment.period,
         )
-        if changes is None:
+        if change is None:
             return certainty
-        change, misfit, pushed = changes
-        curvature = float(change @ H_rows @ change)
-        told = Equations(curvature, float(change @ misfit), H_row @ change, pushed)
+        told = Equations(
+            float(change.whole @ H_rows @ change.twists[0]),
+            float(change.whole @ change.gradient),
+            *(change.twists @ H_row),
+        )
         self.estimate.learn(told, alignment, moment.period, SHARP_PX)
         return certainty
 
