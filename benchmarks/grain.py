@@ -34,6 +34,7 @@ RULES = {
     "default": (),
     "`along_px=0`": ("motion.along_px=0",),
     "`tells_times=0`": ("keyframes.tells_times=0",),
+    "`own_scale_px=0`": ("registration.own_scale_px=0",),
 }
 
 

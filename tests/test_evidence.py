@@ -14,7 +14,7 @@ from edvo.edges import EdgePixels
 from edvo.evidence import Evidence
 from edvo.odometry import Odometry, Status, TrackedFrame
 from edvo.planes import NO_PLANES, NO_POINTS
-from edvo.registration import EDGES_ALONE, REASONS, Registration
+from edvo.registration import AT_ONCE, EDGES_ALONE, REASONS, Registration
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
 from edvo.uncertainty import Uncertainty, degenerate_directions, describe
 
@@ -158,6 +158,72 @@ def test_what_is_not_told_is_not_known() -> None:
         names.append([describe(way) for way in degenerate_directions(C)])
     assert names[0] == []
     assert any("translation along y" in name for name in names[1])
+
+
+# ------------------------------------------------------------------------- a scale of their own
+
+
+def scattered(level: int, scale: float) -> NDArray[np.float64]:
+    """Upright edges scatter by sigma, those that lie level by a scale of their own."""
+    rng = np.random.default_rng(4)
+    return np.concatenate([rng.normal(0, SIGMA, UPRIGHT), rng.normal(0, scale, level)])
+
+
+def own_scale(
+    edges: EdgePixels, off: NDArray[np.float64], turned: float = 0.0, most_px: float = 3.0
+):
+    """What they count where such a share of those that lie level match upright ones."""
+    registration, found = registered(edges, off)
+    matches = found.matches.copy()
+    matches[UPRIGHT : UPRIGHT + round(turned * (len(edges) - UPRIGHT))] = 0
+    found = replace(found, matches=matches)
+    own = Evidence(CAMERA, registration.solver, 0.25).own_scale(edges, edges, found, most_px)
+    return None if own is None else own.factors
+
+
+@pytest.mark.parametrize("scale", [1.0, 2.0])
+def test_edges_that_scatter_more_count_by_how_they_scatter(scale: float) -> None:
+    factors = own_scale(panels(200), scattered(200, scale))
+    assert factors is not None
+    assert np.median(factors[UPRIGHT:]) == pytest.approx(SIGMA / scale, rel=0.2)
+    assert np.mean(factors[:UPRIGHT] == 1) > 0.9  # but for some that a nod moves, in the corners
+
+
+@pytest.mark.parametrize("turned", [0.2, 0.5])
+def test_edges_of_which_many_match_others_have_no_scale_of_their_own(turned: float) -> None:
+    factors = own_scale(panels(200), scattered(200, 1.5), turned)
+    assert (factors is None) == (turned > 0.3)
+
+
+def test_nor_have_those_that_scatter_as_all_do_or_as_wrong_matches() -> None:
+    assert own_scale(panels(200), scattered(200, SIGMA)) is None  # all is told
+    assert own_scale(panels(200), scattered(200, 1.5)) is not None
+    assert own_scale(panels(200), scattered(200, 1.5), most_px=1.0) is None
+
+
+def test_by_a_scale_of_their_own_they_tell_where_the_camera_is() -> None:
+    """Blurred as the camera moves up, they are off by pixels; the others hardly by any."""
+    edges, rng = panels(200), np.random.default_rng(7)
+    T = se3.exp(np.array([0, 0.012, 0, 0, 0, 0]))
+    points = edges.points(CAMERA) @ T[:3, :3].T + T[:3, 3]
+    pixels, depths = problems._project(CAMERA, points), points[:, 2]
+    pixels[:UPRIGHT, 0] += rng.normal(0, 0.05, UPRIGHT)
+    pixels[UPRIGHT:, 1] += rng.normal(0, 1.5, 200)
+    looks = rng.normal(0, 1, (len(edges), 2)).astype(np.float32)
+    edges = replace(edges, profiles=looks)
+    samples = replace(edges, pixels=pixels.astype(np.float32), depths=depths.astype(np.float32))
+    config = Config()
+    registration = Registration(CAMERA, config.matching, config.registration)
+    index, start = registration.index(edges), se3.inverse(T)[None]
+    given = index, samples, start, NO_PLANES, NO_POINTS, EDGES_ALONE
+    evidence = Evidence(CAMERA, registration.solver, config.status.min_told)
+    alike = registration.align(*given)
+    assert len(evidence.untold(edges, samples, alike))
+    own = evidence.own_scale(edges, samples, alike, 3.0)
+    assert own is not None
+    weighed = registration.align(*given, AT_ONCE._replace(sharp=own.factors))
+    assert not len(evidence.untold(edges, samples, weighed))
+    assert problems.error(se3.inverse(T), weighed.T_ref_cur)[0] < 0.002
 
 
 # ------------------------------------------------------------------------------- in motion

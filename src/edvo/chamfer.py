@@ -35,6 +35,7 @@ ANYWHERE = 1e3  # m; a bound that leaves poses to be told apart by their turns a
 CLIMB_M, CLIMB_DEG = 0.1, 1.5  # first steps of a climb
 HALVINGS, ROUNDS = 3, 2  # lengths of step, each half the last; steps of each length, at most
 ALONG_PX = 2.0  # between places along a motion, by how far edges move
+CHANCE_PX = 40.0  # that edges are looked at to either side of where they are
 CLEARER = 20.0  # of 255: by so much they fall better there than where they are
 ELSEWHERE_PX = 12.0  # farther than that it is another place
 AS_WELL = 0.96  # of the score of a place: by a glance that cannot be told from it
@@ -167,15 +168,49 @@ class ChamferMap:
         ndarray of float64, shape (4, 4), or None
             None where they fall no better elsewhere, or as well in two places.
         """
-        steps = int(reach_px / ALONG_PX)
-        ways, scores = ALONG_PX * np.arange(-steps, steps + 1), np.empty(2 * steps + 1)
-        kernels.chamfer_sweep(self._problem(samples), T_ref_cur, twist, ALONG_PX, scores)
+        ways, scores = self._sweep(samples, T_ref_cur, twist, reach_px)
         best = int(np.argmax(scores))
-        if scores[best] < scores[steps] + CLEARER:
+        if scores[best] < scores[len(ways) // 2] + CLEARER:
             return None
         elsewhere = np.abs(ways - ways[best]) > ELSEWHERE_PX
         is_alone = scores[elsewhere].max(initial=0.0) <= AS_WELL * scores[best]
         return se3.exp(ways[best] * twist) @ T_ref_cur if is_alone else None
+
+    def stands_out(
+        self, samples: EdgePixels, T_ref_cur: NDArray[np.float64], twist: NDArray[np.float64]
+    ) -> bool:
+        """Whether edges fall clearly better where they are than elsewhere along a motion.
+
+        Parameters
+        ----------
+        samples : EdgePixels
+            Of the current image, with depth, that tell of the motion.
+        T_ref_cur : ndarray of float64, shape (4, 4)
+        twist : ndarray of float64, shape (6,)
+            [v, w] of the reference camera, by which they move by a pixel.
+
+        Returns
+        -------
+        bool
+            Than in the median, beyond what is next to it.
+        """
+        ways, scores = self._sweep(samples, T_ref_cur, twist, CHANCE_PX)
+        elsewhere = np.abs(ways) > ELSEWHERE_PX
+        return bool(scores[len(ways) // 2] > np.median(scores[elsewhere]) + CLEARER)
+
+    def _sweep(
+        self,
+        samples: EdgePixels,
+        T_ref_cur: NDArray[np.float64],
+        twist: NDArray[np.float64],
+        reach_px: float,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """How well edges fall along a motion: how far, px, and their scores."""
+        steps = int(reach_px / ALONG_PX)
+        ways = ALONG_PX * np.arange(-steps, steps + 1, dtype=np.float64)
+        scores = np.empty(2 * steps + 1)
+        kernels.chamfer_sweep(self._problem(samples), T_ref_cur, twist, ALONG_PX, scores)
+        return ways, scores
 
     def score(self, samples: EdgePixels, T_ref_cur: NDArray[np.float64]) -> float:
         """Say how near edges fall to edges of like direction.

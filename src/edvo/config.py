@@ -248,6 +248,13 @@ class RegistrationConfig(Section):
         description="floor of the scale before the last stage, so that the many edges along a "
         "motion, which fit from the start, do not make outliers of the few across it",
     )
+    own_scale_px: Annotated[float, Field(ge=0)] = Field(
+        default=3.0,
+        description="where hardly any of the edges count that could tell of a motion, since they "
+        "scatter more than those along it, as what moves while it is exposed does, they count by a "
+        "scale of their own, of so much at most; 0: never. With status.min_told and "
+        "registration.profile_spread. Not in the paper",
+    )
     first_samples: Annotated[int, Field(ge=0)] = Field(
         default=700,
         description="before the last stage every k-th sample is taken, and so many at least; "
@@ -835,6 +842,7 @@ PRESETS: dict[str, dict[str, Any]] = {
             "stop_share": 0.0,
             "far_leave_px": 0.0,
             "first_sigma_px": 0.0,
+            "own_scale_px": 0.0,
             "first_samples": 0,
             "max_stretch": 1.0,
             "kept_px": 0.0,

@@ -7,6 +7,7 @@ edges nearest to them are some of those along it, which fit any such edge: only 
 gradients do they tell that they are amiss.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -25,24 +26,57 @@ NONE = np.empty((0, 6))
 IN_PLACE = 3.0  # times the scale of the residuals
 ALIKE = 0.7  # cosine between the gradients of an edge and its match: 45 degrees
 LOOKED_FOR = 0.5  # of what edges could tell: where less is told, those amiss are looked for
+FOUND = 0.7  # of the edges across a motion, if they are to have a scale of their own
+NORMAL = 1.4826  # standard deviation over the median, if normal
 RIM_PX = 8.0  # from the border of the reference
 MOST = 0.9  # of what those off tell of a motion, the strongest left out
+HALF = 0.5  # of what all tell of it
 ACROSS = 0.5  # of what one of these does: so much an edge across tells at least
 
 
-class Amiss(NamedTuple):
-    """A motion that edges tell by their own gradients, most of which are in no place of theirs.
+#: Points, gradients of their own and of the reference, matches, residuals, trust, camera, pose,
+#: and when an edge is in its place.
+_Seen = tuple[
+    kernels.F64,
+    kernels.F32,
+    kernels.F32,
+    kernels.I32,
+    kernels.F64,
+    kernels.F64,
+    kernels.Pinhole,
+    kernels.F64,
+    kernels.Places,
+]
+
+
+class Across(NamedTuple):
+    """A motion that edges tell by their own gradients, but that is not told.
 
     Attributes
     ----------
     twist : ndarray of float64, shape (6,)
         [v, w] of the reference camera, by which these edges move by one pixel, in the median.
-    across : ndarray of bool, shape (N,)
-        The samples that tell it, in their places or not.
+    samples : ndarray of bool, shape (N,)
+        Those that tell it, in their places or not.
     """
 
     twist: NDArray[np.float64]
-    across: NDArray[np.bool_]
+    samples: NDArray[np.bool_]
+
+
+class OwnScale(NamedTuple):
+    """What edges count that scatter more than others.
+
+    Attributes
+    ----------
+    factors : ndarray of float64, shape (N,)
+        On the residual and the derivative of each sample.
+    across : tuple of Across
+        The motions that are not told, and those that have a scale of their own.
+    """
+
+    factors: NDArray[np.float64]
+    across: tuple[Across, ...]
 
 
 class Evidence:
@@ -62,7 +96,7 @@ class Evidence:
         self._camera, self._pinhole = camera, camera_of(camera)
         self._solver, self._least = solver, least
         self._last: tuple[Alignment | None, NDArray[np.float64]] = None, NONE
-        self._last_amiss: tuple[Alignment | None, Amiss | None] = None, None
+        self._last_amiss: tuple[Alignment | None, float, Across | None] = None, 0.0, None
 
     def _is_asked(self, alignment: Alignment) -> bool:
         failed = not alignment.sigma_px or alignment.reason in FAILURES
@@ -126,8 +160,12 @@ class Evidence:
         return untold
 
     def amiss(
-        self, reference: EdgePixels, samples: EdgePixels, alignment: Alignment
-    ) -> Amiss | None:
+        self,
+        reference: EdgePixels,
+        samples: EdgePixels,
+        alignment: Alignment,
+        least_px: float = 0.0,
+    ) -> Across | None:
         """Find the motion that edges tell best which are in no place of theirs.
 
         As `untold`, but R is of all samples in view of the reference whose match is too far off, or
@@ -140,6 +178,9 @@ class Evidence:
         samples : EdgePixels
             Of the frame, that were registered.
         alignment : Alignment
+        least_px : float, optional
+            An edge that is off by less is in its place, however closely others fit, and whatever it
+            counts.
 
         Returns
         -------
@@ -148,17 +189,33 @@ class Evidence:
         """
         if not self._is_asked(alignment):
             return None
-        if self._last_amiss[0] is not alignment:
-            self._last_amiss = alignment, self._amiss(reference, samples, alignment)
-        return self._last_amiss[1]
+        if self._last_amiss[0] is not alignment or self._last_amiss[1] != least_px:
+            amiss = self._amiss(reference, samples, alignment, least_px)
+            self._last_amiss = alignment, least_px, amiss
+        return self._last_amiss[2]
 
     def _amiss(
-        self, reference: EdgePixels, samples: EdgePixels, alignment: Alignment
-    ) -> Amiss | None:
+        self, reference: EdgePixels, samples: EdgePixels, alignment: Alignment, least_px: float
+    ) -> Across | None:
         """Find this motion of a registration that was not asked about yet."""
         sigma, times = alignment.sigma_px, 1 / LOOKED_FOR - 1
         told, left = np.empty((6, 6)), np.empty((6, 6))
-        given = (
+        alike = replace(alignment, trust=np.ones(len(samples))) if least_px else alignment
+        given = self._seen(reference, samples, alike, max(IN_PLACE * sigma, least_px))
+        solver, H = self._solver, alignment.H
+        if not kernels.is_amiss(*given, solver, sigma, H, _ENOUGH, times, told, left):
+            return None
+        rows, is_off = _find_amiss(given)
+        twist = _pencil(left, told)[1][-1]
+        moved = np.abs(rows @ twist)
+        across = moved > ACROSS * _strong(moved[is_off], MOST)
+        return Across(twist / np.median(moved[across & is_off]), across)
+
+    def _seen(
+        self, reference: EdgePixels, samples: EdgePixels, alignment: Alignment, most_px: float
+    ) -> _Seen:
+        """What the kernels are given that ask which edges are in their places."""
+        return (
             samples.points(self._camera),
             samples.gradients,
             reference.gradients,
@@ -167,21 +224,57 @@ class Evidence:
             alignment.trust,
             self._pinhole,
             alignment.T_ref_cur,
-            kernels.Places(IN_PLACE * sigma, ALIKE, RIM_PX),
+            kernels.Places(most_px, ALIKE, RIM_PX),
         )
-        solver, H = self._solver, alignment.H
-        if not kernels.is_amiss(*given, solver, sigma, H, _ENOUGH, times, told, left):
+
+    def own_scale(
+        self,
+        reference: EdgePixels,
+        samples: EdgePixels,
+        alignment: Alignment,
+        most_px: float,
+    ) -> OwnScale | None:
+        r"""Say what edges count where a motion is not told since those across it scatter more.
+
+        Where most of these match edges that are turned alike, the median of their residuals gives
+        a scale :math:`s` of their own, and they count by :math:`\sigma / s` beside the others,
+        whose scale is :math:`\sigma`.
+
+        Parameters
+        ----------
+        reference : EdgePixels
+            Edges of the reference.
+        samples : EdgePixels
+            Of the frame, that were registered.
+        alignment : Alignment
+        most_px : float
+            A larger scale is that of wrong matches.
+
+        Returns
+        -------
+        OwnScale or None
+            None where each motion is told, or those across one that is not match others, or are
+            too far off.
+        """
+        twists = self.untold(reference, samples, alignment)
+        if not len(twists):
             return None
-        rows, off = np.empty((len(samples), 6)), np.empty(len(samples), np.uint8)
-        kernels.find_amiss(*given, rows, off)
-        is_off = off.view(np.bool_)
-        twist = _pencil(left, told)[1][-1]
-        moved = np.abs(rows @ twist)
-        tells = np.sort(moved[is_off])
-        told_by = np.cumsum(tells**2)  # most of those off may tell nothing of it
-        strong = tells[np.searchsorted(told_by, MOST * told_by[-1])]
-        across = moved > ACROSS * strong
-        return Amiss(twist / np.median(moved[across & is_off]), across)
+        rows, is_off = _find_amiss(self._seen(reference, samples, alignment, np.inf))
+        residuals, sigma = np.abs(alignment.trust * alignment.residuals), alignment.sigma_px
+        factors, crowds = np.ones(len(samples)), []
+        for twist in twists:
+            moved = np.abs(rows @ twist)
+            across = moved > ACROSS * _strong(moved, HALF)
+            alike = across & ~is_off
+            if not np.count_nonzero(alike) > FOUND * np.count_nonzero(across):
+                return None
+            scale = NORMAL * np.median(residuals[alike])
+            if scale > most_px:
+                return None
+            crowds.append(Across(twist / np.median(moved[alike]), across))
+            if scale > sigma:
+                factors[across] = np.minimum(factors[across], sigma / scale)
+        return OwnScale(factors, tuple(crowds)) if (factors < 1).any() else None
 
     def would_tell(
         self,
@@ -219,6 +312,21 @@ class Evidence:
         own = to_current.T @ own @ to_current
         less = motions @ (np.linalg.inv(told) - times * np.linalg.inv(told + own)) @ motions.T
         return bool(np.linalg.eigvalsh(less)[-1] > 0)
+
+
+def _find_amiss(given: _Seen) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """What each sample tells of a motion, (N, 6), and whether it is in no place of its own."""
+    count = len(given[0])
+    rows, off = np.empty((count, 6)), np.empty(count, np.uint8)
+    kernels.find_amiss(*given, rows, off)
+    return rows, off.view(np.bool_)
+
+
+def _strong(tells: NDArray[np.float64], share: float) -> float:
+    """What an edge tells such that weaker ones tell a share of all; most may tell nothing."""
+    tells = np.sort(tells)
+    told_by = np.cumsum(tells**2)
+    return float(tells[np.searchsorted(told_by, share * told_by[-1])])
 
 
 def _pencil(

@@ -103,6 +103,7 @@ class Locator:
                 status, reason = self.assessor.assess(alignment, timestamp)
             if not far and status is not Status.LOST:
                 alignment = self.mender.mend(seen, alignment)
+                alignment = self.mender.weighed(seen, alignment)
                 status, reason = self.assessor.assess(alignment, timestamp)
             if not far or status is Status.DEGRADED:
                 return alignment, status, reason

@@ -9,11 +9,11 @@ from edvo import se3
 from edvo.assessing import Assessor
 from edvo.course import Course
 from edvo.doubt import Doubt
-from edvo.evidence import Amiss
+from edvo.evidence import Across
 from edvo.kit import Kit
 from edvo.planes import DepthTerm
 from edvo.registrar import Registrar
-from edvo.registration import Alignment
+from edvo.registration import FAILURES, Alignment
 from edvo.scatter import is_sharper
 from edvo.seen import Seen
 from edvo.status import Status
@@ -65,23 +65,25 @@ class Mender:
         self._registrar, self._assessor = registrar, assessor
         self._put_right: PutRight | None = None
 
-    def amiss(self, seen: Seen, alignment: Alignment) -> Amiss | None:
+    def amiss(self, seen: Seen, alignment: Alignment, least_px: float = 0.0) -> Across | None:
         """Say along which motion most edges that could tell it are not in their places.
 
         Parameters
         ----------
         seen : Seen
         alignment : Alignment
+        least_px : float, optional
+            See `Evidence.amiss`.
 
         Returns
         -------
-        Amiss or None
+        Across or None
             None where there is no such motion, or nobody is to look for it.
         """
         motion = self._config.motion
         if not motion.along_px or not motion.search_deg or not self._registrar.begins_narrow:
             return None  # nobody looks, or there is no wider scale to look by
-        return self._evidence.amiss(self._registrar.edges(seen), seen.samples, alignment)
+        return self._evidence.amiss(self._registrar.edges(seen), seen.samples, alignment, least_px)
 
     def mend(self, seen: Seen, found: Alignment) -> Alignment:
         """Look for such edges along such a motion, and register widely from where they fall.
@@ -103,16 +105,18 @@ class Mender:
         term = self._registrar.term(timestamp)
         off = self._assessor.off(start, timestamp)
         if off <= self._assessor.limit(timestamp):
-            again = self._registrar.widely(seen, start[None], term)
+            again = self.weighed(seen, self._registrar.widely(seen, start[None], term))
             return self._assessor.better(found, again, timestamp)
         before = course.whereabouts
         course.leap(start @ se3.inverse(found.T_ref_cur) @ course.T_key_last)
-        along = self._registrar.widely(seen, start[None], term)
+        along = self.weighed(seen, self._registrar.widely(seen, start[None], term))
         fits = is_sharper(along, found)
         fits = fits and self._assessor.assess(along, timestamp)[0] is Status.TRACKED
         T_key_last = course.T_key_last
         course.return_to(before)  # till the frame is accepted
-        if not fits or self.amiss(seen, along) is not None:
+        own_px = self._config.registration.own_scale_px
+        is_told = not len(self._evidence.untold(self._registrar.edges(seen), seen.samples, along))
+        if not fits or not is_told or self.amiss(seen, along, own_px) is not None:
             return found
         # where it has drifted, it was going as it went
         velocity = course.cruise if before.stood is None else course.velocity
@@ -191,12 +195,41 @@ class Mender:
         is_news = sound and off > NEWS_M and self._is_news(seen, term, found, T_key_cur)
         return (found, off) if is_news else None
 
+    def weighed(self, seen: Seen, found: Alignment) -> Alignment:
+        """Register anew where edges across a motion scatter more than all, by their own scale.
+
+        Parameters
+        ----------
+        seen : Seen
+        found : Alignment
+
+        Returns
+        -------
+        Alignment
+            What was found, or one that tells each motion, where edges across it fall clearly
+            better than elsewhere along it.
+        """
+        registrar, timestamp = self._registrar, seen.frame.timestamp
+        most_px = self._config.registration.own_scale_px if registrar.begins_narrow else 0.0
+        asked, chamfer = (registrar.edges(seen), seen.samples), self._course.key.chamfer
+        own = self._evidence.own_scale(*asked, found, most_px) if most_px else None
+        if own is None:
+            return found
+        for twist, samples in own.across:  # where edges are dense, some are near wherever it is
+            if not chamfer.stands_out(seen.samples.where(samples), found.T_ref_cur, twist):
+                return found
+        term = registrar.term(timestamp)
+        again = registrar.register(seen, found.T_ref_cur[None], term, factors=own.factors)
+        if again.reason in FAILURES or len(self._evidence.untold(*asked, again)):
+            return found
+        return found if self._assessor.is_lost(again, timestamp) else again
+
     def _start_along(self, seen: Seen, found: Alignment) -> NDArray[np.float64] | None:
         """Where along such a motion such edges fall clearly better, if there are any."""
         amiss = self.amiss(seen, found)
         if amiss is None:
             return None
-        few = seen.samples.where(amiss.across)
+        few = seen.samples.where(amiss.samples)
         reach_px = self._config.motion.along_px
         return self._course.key.chamfer.along(few, found.T_ref_cur, amiss.twist, reach_px)
 

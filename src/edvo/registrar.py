@@ -75,6 +75,7 @@ class Registrar:
         *,
         far: bool = False,
         first_sigma_px: float = 0.0,
+        factors: NDArray[np.float64] | None = None,
     ) -> Alignment:
         """Register a frame with the keyframe.
 
@@ -91,6 +92,8 @@ class Registrar:
         max_sigma_px, first_sigma_px : float
         far : bool
             See `Registration.align`.
+        factors : ndarray of float64, shape (N,), optional
+            What each sample counts, as a factor on residual and derivative.
 
         Returns
         -------
@@ -99,6 +102,9 @@ class Registrar:
         key = self._course.key
         if seen.is_stale:
             term = term._replace(weight=term.weight / max(len(seen.points.sigma), 1))
+        lag = self._lag(seen)
+        if factors is not None:
+            lag = lag._replace(sharp=lag.sharp * factors if len(lag.sharp) else factors)
         found = self._registration.align(
             key.edges_for(near=seen.is_near),
             seen.samples,
@@ -106,7 +112,7 @@ class Registrar:
             key.planes,
             seen.points,
             term,
-            self._lag(seen),
+            lag,
             max_sigma_px=max_sigma_px,
             far=far,
             first_sigma_px=first_sigma_px,

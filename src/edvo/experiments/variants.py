@@ -142,6 +142,11 @@ VARIANTS = (
     Variant("inertia: where hardly anything constrains", ("motion.inertia=loose",)),
     Variant("edges that tell are left out: not asked", ("status.min_told=0",)),
     Variant("edges that tell are left out: asked", ("status.min_told=0.25",)),
+    Variant("edges that scatter more than others: left out", ("registration.own_scale_px=0",)),
+    Variant(
+        "edges that scatter more than others: by a scale of their own",
+        ("registration.own_scale_px=3",),
+    ),
     Variant("a frame that tells far more: no keyframe", ("keyframes.tells_times=0",)),
     Variant("a frame that tells far more: a keyframe", ("keyframes.tells_times=4",)),
     Variant("edges that fit nowhere: not looked for", ("motion.along_px=0",)),
