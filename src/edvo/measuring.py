@@ -295,19 +295,16 @@ class Change(NamedTuple):
     Attributes
     ----------
     twists : ndarray of float64, shape (N, 6)
-        Less their means, each times ``kept``.
+        Less their means, as far as these are known: by few frames they are not.
     whole : ndarray of float64, shape (6,)
         The first of them, less its mean.
     gradient : ndarray of float64, shape (6,)
-        Less what the mean asks for, and times ``kept`` transposed.
-    kept : ndarray of float64, shape (6, 6)
-        What is left of a twist, since a mean of few frames is not known either.
+        Less what the mean asks for, as far as that is known.
     """
 
     twists: NDArray[np.float64]
     whole: NDArray[np.float64]
     gradient: NDArray[np.float64]
-    kept: NDArray[np.float64]
 
 
 class Changes:
@@ -354,17 +351,14 @@ class Changes:
         if not np.isfinite(H).all() or not np.isfinite(sums).all():
             return None
         if keyframe is not self._keyframe:
-            self._keyframe, self._told, self._sums = (
-                keyframe,
-                np.zeros((6, 6)),
-                np.zeros(sums.shape),
-            )
+            self._keyframe, self._sums = keyframe, np.zeros(sums.shape)
+            self._told = np.zeros((6, 6))
         told, change = self._told + UNTOLD * np.trace(self._told) * np.eye(6), None
         if np.trace(told) > 0:
             means = self._sums @ np.linalg.inv(told)
             kept = np.linalg.solve(told + H / SHARED, told)
             less = twists - means[:-1]
-            change = Change(less @ kept.T, less[0], kept.T @ (gradient - H @ means[-1]), kept)
+            change = Change(less @ kept.T, less[0], kept.T @ (gradient - H @ means[-1]))
         fade = math.exp(-period / SETTLING_S)
         self._told, self._sums = fade * self._told + H, fade * self._sums + sums
         return change
