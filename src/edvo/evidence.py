@@ -18,6 +18,7 @@ from edvo.camera import Camera
 from edvo.edges import EdgePixels
 from edvo.planes import camera_of
 from edvo.registration import FAILURES, Alignment
+from edvo.robust import median_scale
 
 TELLING_M, TELLING_RAD = 0.05, np.radians(2.0)  # what tells a motion no better is no evidence
 SHARED = 100.0  # edges that err together: so many count as one
@@ -27,12 +28,10 @@ IN_PLACE = 3.0  # times the scale of the residuals
 ALIKE = 0.7  # cosine between the gradients of an edge and its match: 45 degrees
 LOOKED_FOR = 0.5  # of what edges could tell: where less is told, those amiss are looked for
 FOUND = 0.7  # of the edges across a motion, if they are to have a scale of their own
-NORMAL = 1.4826  # standard deviation over the median, if normal
 RIM_PX = 8.0  # from the border of the reference
-MOST = 0.9  # of what those off tell of a motion, the strongest left out
-HALF = 0.5  # of what all tell of it
-ACROSS = 0.5  # of what one of these does: so much an edge across tells at least
-
+# Of what edges tell of a motion, that weaker ones tell than the one that others are held against:
+MOST, HALF = 0.9, 0.5  # where these are the ones off, and where they are all
+ACROSS = 0.5  # of what that one does: so much an edge across tells at least
 
 #: Points, gradients of their own and of the reference, matches, residuals, trust, camera, pose,
 #: and when an edge is in its place.
@@ -184,7 +183,7 @@ class Evidence:
 
         Returns
         -------
-        Amiss or None
+        Across or None
             None where at least half of what they could tell of each motion is told.
         """
         if not self._is_asked(alignment):
@@ -260,7 +259,7 @@ class Evidence:
         if not len(twists):
             return None
         rows, is_off = _find_amiss(self._seen(reference, samples, alignment, np.inf))
-        residuals, sigma = np.abs(alignment.trust * alignment.residuals), alignment.sigma_px
+        residuals, sigma = alignment.trust * alignment.residuals, alignment.sigma_px
         factors, crowds = np.ones(len(samples)), []
         for twist in twists:
             moved = np.abs(rows @ twist)
@@ -268,7 +267,7 @@ class Evidence:
             alike = across & ~is_off
             if not np.count_nonzero(alike) > FOUND * np.count_nonzero(across):
                 return None
-            scale = NORMAL * np.median(residuals[alike])
+            scale = median_scale(residuals[alike])
             if scale > most_px:
                 return None
             crowds.append(Across(twist / np.median(moved[alike]), across))

@@ -114,9 +114,9 @@ class Mender:
         fits = fits and self._assessor.assess(along, timestamp)[0] is Status.TRACKED
         T_key_last = course.T_key_last
         course.return_to(before)  # till the frame is accepted
-        own_px = self._config.registration.own_scale_px
-        is_told = not len(self._evidence.untold(self._registrar.edges(seen), seen.samples, along))
-        if not fits or not is_told or self.amiss(seen, along, own_px) is not None:
+        asked = self._registrar.edges(seen), seen.samples, along
+        fits = fits and not len(self._evidence.untold(*asked))
+        if not fits or self.amiss(seen, along, self._config.registration.own_scale_px) is not None:
             return found
         # where it has drifted, it was going as it went
         velocity = course.cruise if before.stood is None else course.velocity
