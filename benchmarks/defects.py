@@ -1,4 +1,4 @@
-"""Images as cameras and recorders spoil them: noise, compression in blocks, a black rim.
+"""Images as cameras and recorders spoil them: noise, compression, a black rim, dirt, print.
 
     python -m benchmarks.defects [--docs]
 
@@ -31,8 +31,14 @@ PAGE = ROOT / "docs" / "theory" / "images.md"
 MARK = "<!-- measured: written by python -m benchmarks.defects --docs -->\n"
 RENDERED, FRAMES = ("stairs", "notexture_far"), 130
 STARTS = (0, 12)
-AS_IT_IS = ("edges.max_noise=0", "edges.max_blockiness=1e9", "edges.black_rim=kept")
+AS_IT_IS = (
+    "edges.max_noise=0",
+    "edges.max_blockiness=1e9",
+    "edges.black_rim=kept",
+    "edges.carried=kept",
+)
 RIM_PX = 25
+PRINT = "2026-11-27 12:00 CAM 1"
 
 Grey = NDArray[np.uint8]
 Spoil = Callable[[Frame, np.random.Generator], Frame]
@@ -76,6 +82,34 @@ def rim(frame: Frame, _: np.random.Generator) -> Frame:
     return replace(frame, grey=grey.astype(np.uint8), depth=depth.astype(np.float32))
 
 
+def printed(frame: Frame, _: np.random.Generator) -> Frame:
+    """Print four lines across the image, as recorders print the time."""
+    grey, height = frame.grey.copy(), frame.grey.shape[0]
+    for line in range(4):
+        at = 10, height // 5 + line * height // 5
+        cv2.putText(grey, PRINT, at, cv2.FONT_HERSHEY_SIMPLEX, 1.2, 255, 3)
+    return replace(frame, grey=grey)
+
+
+def scratches(frame: Frame, _: np.random.Generator) -> Frame:
+    """Look through a window with ten scratches that light up."""
+    random, veil = np.random.default_rng(4), np.zeros(frame.grey.shape, np.float32)
+    for ends in (random.random((10, 2, 2)) * frame.grey.shape[::-1]).astype(int):
+        cv2.line(veil, *ends.tolist(), 60.0, 2)
+    lit = frame.grey + cv2.GaussianBlur(veil, (0, 0), 2)
+    return replace(frame, grey=np.clip(lit, 0, 255).astype(np.uint8))
+
+
+def dirt(frame: Frame, _: np.random.Generator) -> Frame:
+    """Look past spots over a twelfth of the image that take three fifths of the light."""
+    height, width = frame.grey.shape
+    coarse = np.random.default_rng(3).normal(size=(height // 20 + 2, width // 20 + 2))
+    smooth = cv2.resize(coarse.astype(np.float32), (width, height), interpolation=cv2.INTER_CUBIC)
+    spots = (smooth < np.quantile(smooth, 0.08)).astype(np.float32)
+    dark = frame.grey * (1 - 0.6 * cv2.GaussianBlur(spots, (0, 0), 3))
+    return replace(frame, grey=dark.astype(np.uint8))
+
+
 DEFECTS: dict[str, Spoil] = {
     "none": lambda frame, _: frame,
     "noise, 5 grey levels": noise(5),
@@ -85,6 +119,9 @@ DEFECTS: dict[str, Spoil] = {
     "JPEG, quality 80": jpeg(80),
     "JPEG, quality 40": jpeg(40),
     f"black rim, {RIM_PX} px": rim,
+    "print, four lines": printed,
+    "scratches on a window": scratches,
+    "dirt on the lens": dirt,
 }
 
 

@@ -1,5 +1,6 @@
 """A registration that leads where no hand moves a camera is looked at again from depth."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,7 +17,7 @@ from edvo.synthesis.sequence import SyntheticSource, make_recipe
 KNOWN = 6  # frames, until the usual scale is known
 # what else may find that it is wrong
 ALONE = "motion.search_deg=0", "keyframes.earlier=0", "status.max_conflict=0"
-ALONE = *ALONE, "status.depth_jump=1e6", "status.max_depth_sigma=1e6"
+ALONE = *ALONE, "status.depth_jump=1e6", "status.max_depth_sigma=1e6", "edges.carried=kept"
 ONE_UP = np.array([0.0, -0.17, 0.28, 0.0, 0.0, 0.0])  # about a step of the stairs
 
 
@@ -144,3 +145,33 @@ def test_at_first_a_camera_may_go_as_fast_as_one_walks(stairs, speed, leaps):
     odometry._course.velocity[2] = 0.01
     assert odometry._locator.assessor.leaps(found, frames[0].timestamp + 1 / 30)
     assert not odometry._locator.assessor.leaps(found, frames[0].timestamp + 0.3)
+
+
+@pytest.mark.parametrize(("before", "now"), [(0.013, 0.053), (0.053, 0.013), (1 / 30, 1 / 30)])
+def test_stamps_that_jitter_are_no_leap(stairs, before, now):
+    """Frames come at 30 Hz, whatever they are stamped."""
+    camera, frames, _ = stairs
+    odometry = Odometry(camera)
+    odometry.track(frames[0])
+    course, metres = odometry._course, 0.8 / 30
+    course.last_time, course.before = 1.0, (1.0 - before, np.eye(4), np.zeros(6))
+    course.velocity[0] = metres / before
+    alike = {"agreeing": 90, "matches": np.zeros(100)}
+    found = SimpleNamespace(T_ref_cur=se3.exp([metres, 0, 0, 0, 0, 0]), **alike)
+    assessor = odometry._locator.assessor
+    assert not assessor.leaps(found, 1.0 + now)
+    farther = SimpleNamespace(T_ref_cur=se3.exp([metres + 0.4, 0, 0, 0, 0, 0]), **alike)
+    assert assessor.leaps(farther, 1.0 + now)
+    course.before = None  # nothing tells how long the last step took
+    assert assessor.leaps(found, 1.0 + now) is (now < before)
+
+
+def test_a_stream_whose_stamps_jitter_is_tracked():
+    source = SyntheticSource(make_recipe("office", frames=30, speed=0.5, seed=1))
+    odometry, rng = Odometry(source.camera), np.random.default_rng(6)
+    for i in range(len(source)):
+        frame = source.read(i).frame
+        late = float(np.clip(rng.normal(0, 0.008), -0.015, 0.015))
+        assert odometry.track(replace(frame, timestamp=frame.timestamp + late)).status is (
+            Status.TRACKED
+        )

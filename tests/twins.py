@@ -808,6 +808,64 @@ def directions_of(gradients):
     return np.floor(turns).astype(int) % 8
 
 
+def mark_edges(pixels, gradients, shape):
+    """For each pixel and direction, whether such an edge, or one beside it, is there or next to it.
+
+    ``pixels`` are whole ones.
+    """
+    marks = np.zeros((*shape, kernels.DIRECTIONS), bool)
+    for (x, y), k in zip(pixels, directions_of(gradients), strict=True):
+        rows, cols = slice(max(y - 1, 0), y + 2), slice(max(x - 1, 0), x + 2)
+        for beside in (-1, 0, 1):
+            marks[rows, cols, (k + beside) % kernels.DIRECTIONS] = True
+    return marks
+
+
+def is_marked(marks, pixels, gradients):
+    """Whether pixels that are inside have a mark of their direction."""
+    x, y = np.floor(pixels.T + 0.5).astype(int)
+    height, width, _ = marks.shape
+    inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+    return inside & marks[y.clip(0, height - 1), x.clip(0, width - 1), directions_of(gradients)]
+
+
+def stay_in_place(pixels, gradients, depths, camera, T, marks, least_px):
+    """Which samples lie on a mark of their direction, which ought to have moved, or are sought."""
+    Y = camera.backproject(pixels.astype(np.float64), depths.astype(np.float64))
+    Y = Y @ T[:3, :3].T + T[:3, 3]
+    there = camera.project(np.where(Y[:, 2:] < kernels.MIN_DEPTH, 1, Y))
+    there[Y[:, 2] < kernels.MIN_DEPTH] = -1e6
+    moves = abs(((there - pixels) * gradients).sum(axis=1)) >= least_px
+    stays = is_marked(marks, pixels, gradients)
+    return stays, moves, moves & ~is_marked(marks, there, gradients)
+
+
+def count_stays(pixels, gradients, depths, camera, T, marks, least_px, counts, many):
+    """Add to the counts (3, H, W) about edges at whole pixels, in their order."""
+    stays, moves, sought = stay_in_place(pixels, gradients, depths, camera, T, marks, least_px)
+    found, some, added = 0, [], np.zeros(counts.shape, bool)
+    for i, (x, y) in enumerate(pixels.astype(int)):
+        square = slice(max(y - 1, 0), y + 2), slice(max(x - 1, 0), x + 2)
+        asked = i % kernels.ASKED == 0
+        before = counts[0, y, x] + added[0, y, x]
+        if stays[i]:
+            added[2][square] = True
+        elif not asked and not before:
+            continue
+        if not moves[i] or depths[i] < kernels.MIN_DEPTH:
+            continue
+        own = stays[i] and sought[i]
+        if asked and before < many:
+            some.append(own)
+        if own:
+            added[0][square] = True
+            found += counts[0, y, x] + added[0, y, x] >= many
+        elif not stays[i]:
+            added[1][square] = True
+    counts += added
+    return found, sum(some), len(some) - sum(some)
+
+
 def chamfer_scores(pixels, gradients, cell, straight, slant, shape):
     """Scores that no longer rise when each cell takes its neighbours' less the way."""
     rows, cols, _ = shape

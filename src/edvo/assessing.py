@@ -1,5 +1,7 @@
 """Assessing registrations by how well they fit, and by where the camera was expected."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +14,7 @@ from edvo.scatter import clarity, is_sharper
 from edvo.status import Status, speed_of
 
 LEAP_M_S2 = 30.0  # what pushes a camera harder is a wrong match, more often than not
+JITTER_S = 0.04  # by which stamps are late, at most; what takes longer was no frame
 LEAPT = "farther from where it was expected than a hand moves a camera"
 
 
@@ -115,6 +118,9 @@ class Assessor:
     def limit(self, timestamp: float) -> float:
         """Say how far from there a hand may move the camera.
 
+        Stamps may be those of a computer that was busy: a step that is shorter or longer than the
+        one before it may have been as long as that.
+
         Parameters
         ----------
         timestamp : float
@@ -125,9 +131,15 @@ class Assessor:
         float
             Metres.
         """
-        period = self._course.period(timestamp)
-        unknown = 0.0 if self._course.velocity.any() else FASTEST_M_S
-        return (unknown + LEAP_M_S2 * period) * period
+        course = self._course
+        period = course.period(timestamp)
+        alike = course.period_before * (1 + course.losses)  # as many frames, at the last one's pace
+        before = min(alike or period, period + JITTER_S)
+        longer = max(period, (period + before) / 2)
+        is_known = bool(course.velocity.any())
+        speed = math.hypot(*course.velocity[:3].tolist()) if is_known else FASTEST_M_S
+        unknown_s = abs(period - before) if is_known else period
+        return speed * unknown_s + LEAP_M_S2 * longer * longer
 
     def better(self, found: Alignment, other: Alignment, timestamp: float) -> Alignment:
         """Of two that fit: what is not lost, else whose depth is not off, else the clearer.

@@ -93,6 +93,11 @@ class EdgesConfig(Section):
         description="what is black about images, as outside the view of a lens, has edges that "
         "move with the camera: no edge is taken beside it. Not in the paper",
     )
+    carried: Literal["left-out", "kept"] = Field(
+        default="left-out",
+        description="edges that stay in the image while the view moves, as of dirt on the lens, or "
+        "of print, are the camera's own: none is taken there. Not in the paper",
+    )
     low: Positive = Field(
         default=20.0,
         description="Canny's lower threshold on ``|Sobel u| + |Sobel v|``; low ones matter where "
@@ -807,6 +812,7 @@ PRESETS: dict[str, dict[str, Any]] = {
             "grey_steps": 1,
             "max_noise": 0.0,
             "black_rim": "kept",
+            "carried": "kept",
             "depth_rule": "window",
         },
         "planes": {

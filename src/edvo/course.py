@@ -86,6 +86,7 @@ class Course:
         self.anchor: tuple[float, NDArray[np.float64]] | None = None
         self.stood: tuple[float, NDArray[np.float64]] | None = None
         self.before: tuple[float, NDArray[np.float64], NDArray[np.float64]] | None = None
+        self._frames = 1  # that the last step was over
 
     @property
     def key(self) -> Keyframe:
@@ -134,6 +135,14 @@ class Course:
         if self.last_time is None or timestamp - self.last_time < SHORTEST_PERIOD_S:
             return NOMINAL_PERIOD_S
         return timestamp - self.last_time
+
+    @property
+    def period_before(self) -> float:
+        """Seconds a frame in the last step; 0 where there was none, or none that stood."""
+        if self.before is None or self.last_time is None or self.stood is not None:
+            return 0.0
+        period = (self.last_time - self.before[0]) / self._frames
+        return period if period >= SHORTEST_PERIOD_S else NOMINAL_PERIOD_S
 
     def follows(self, timestamp: float) -> bool:
         """Whether the last pose is that of a moment ago.
@@ -251,6 +260,7 @@ class Course:
         self.stood = None
         if self.last_time is not None:
             self.before = self.last_time, self.T_world_last, self.velocity
+        self._frames = self.losses + 1
         self.velocity = se3.log(T_last_cur) / seconds
         self._stand_at(T_key_cur)
 

@@ -238,6 +238,13 @@ class EdgeBuffers:
     ----------
     height, width : int
         Size of the images in pixels.
+
+    Attributes
+    ----------
+    shown : ndarray of uint8, shape (H, W), or None
+        255 where edges are taken, 0 where none is; all over where it is None.
+    hidden : ndarray of uint8, shape (H, W), or None
+        Where there was an edge that was not taken.
     """
 
     def __init__(self, height: int, width: int) -> None:
@@ -246,6 +253,8 @@ class EdgeBuffers:
         self.mask = np.empty((height, width), np.uint8)
         self.room = np.empty(2 * height * width + 1, np.int32)  # for lists of pixels
         self.wide = np.empty((2, height, width + 2), np.int16)  # for images blurred by more
+        self.shown: NDArray[np.uint8] | None = None
+        self.hidden: NDArray[np.uint8] | None = None
 
 
 def extract_edges(
@@ -287,6 +296,7 @@ def extract_edges(
     as_blurred = partial(replace, passes=passes, blur_px2=variance + PASS_PX2 * passes)
     if config.extractor != "canny":
         MASKS[config.extractor](quiet, config, buffers)
+        _hide(buffers)
         return as_blurred(_collected(config, buffers))
     if scale is not None:
         return as_blurred(_canny_edges(config, buffers, scale))
@@ -361,6 +371,17 @@ def _mark(config: EdgesConfig, buffers: EdgeBuffers, scale: float) -> None:
     """Mark the edges that Canny finds."""
     low, high = _bounds(config, scale)
     kernels.canny_edges(buffers.du, buffers.dv, low, high, buffers.mask, buffers.room)
+    _hide(buffers)
+
+
+def _hide(buffers: EdgeBuffers) -> None:
+    """Take no edges where none are to be taken; to flatten the image there would make others."""
+    if buffers.shown is None:
+        return
+    if buffers.hidden is None:
+        buffers.hidden = np.empty_like(buffers.mask)
+    np.greater(buffers.mask, buffers.shown, out=buffers.hidden, casting="unsafe")
+    np.bitwise_and(buffers.mask, buffers.shown, out=buffers.mask)
 
 
 def _collected(config: EdgesConfig, buffers: EdgeBuffers, scale: float = 1.0) -> EdgeImage:

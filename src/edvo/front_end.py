@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from edvo import kernels
 from edvo.camera import Camera
+from edvo.carried import Carried
 from edvo.chamfer import ChamferMap
 from edvo.clock import Clock
 from edvo.config import Config, SamplingConfig
@@ -46,6 +47,11 @@ class FrontEnd:
         Told which stage runs.
     exposure : Exposure
         Of the images.
+
+    Attributes
+    ----------
+    carried : Carried or None
+        What of the images is the camera's own; None where nobody asks.
     """
 
     def __init__(
@@ -63,6 +69,8 @@ class FrontEnd:
         self._rim = Rim()
         self._smear = Smear(config.edges, exposure)
         self._blind: NDArray[np.bool_] | None = None
+        is_asked = config.edges.carried == "left-out"
+        self.carried = Carried(camera, self._buffers) if is_asked else None
         self._reobserved = Reobserved(camera)
         self._chooses = config.sampling.selection == "informative"
 
@@ -219,6 +227,8 @@ class FrontEnd:
         """Forget what is known of the camera's images as well."""
         self.forget()
         self._rim = Rim()
+        if self.carried is not None:
+            self.carried.forget()
         self._smear.forget()
 
     def keyframe(

@@ -49,6 +49,7 @@ DIRECTIONS = 8  # over a full turn: an edge from dark to bright is none from bri
 LINE_DIRECTIONS = 4  # of lines, whichever side is bright: as many as `summarise_edges` tells
 STRETCHED_PX = 0.1  # steps that change residuals by less (rms) do not tell how they go on
 SAME_STEP = 1e-5  # share of a step by which more damping shortens it that does not count yet
+ASKED = 8  # one edge in so many tells how many stay by chance
 LOOK_UP, ROBUST, NORMAL = -1, 0, 1  # stages of a registration
 EDGE_BITS = 21  # of a key of a near map: which edge; the bits above say how far off it is,
 NEXT, CORNER = np.uint32(4 << EDGE_BITS), np.uint32(6 << EDGE_BITS)  # in quarters of a cell
@@ -1021,6 +1022,150 @@ def describe_edges(
             undo_lens(lens.ravel(), ways)
             pair_up(lens[0], lens[1], pixels[first:last].ravel())
             pair_up(lens[6], lens[7], gradients[first:last].ravel())
+
+
+@lean
+def toward(gu: float, gv: float) -> np.uint8:
+    """Bits of the direction of a gradient, of ``DIRECTIONS``, and of those beside it."""
+    k = direction_of(gu, gv)
+    bits = 1 << k | 1 << (k + 1) % DIRECTIONS | 1 << (k + DIRECTIONS - 1) % DIRECTIONS
+    return np.uint8(bits)
+
+
+@compiled
+def mark_edges(index: I32, du: I16, dv: I16, table: F32, marks: U8) -> None:
+    """Mark in an image the ideal pixels of edges and those beside them, by `toward`."""
+    height, width = marks.shape
+    per_width = 1 / width
+    marks[:] = 0
+    for i in range(index.size):
+        v, u = row_and_column(index[i], per_width, width)
+        bits = toward(float(du[v, u]), float(dv[v, u]))
+        x, y = u, v
+        if table.size > 0:
+            x, y = int(np.floor(table[v, u, 0] + 0.5)), int(np.floor(table[v, u, 1] + 0.5))
+        for row in range(max(y - 1, 0), min(y + 2, height)):
+            for col in range(max(x - 1, 0), min(x + 2, width)):
+                marks[row, col] |= bits
+
+
+@lean_float
+def warped(u: float, v: float, z: float, camera: Pinhole, T: F64) -> tuple[np.float64, np.float64]:
+    """Where T puts the point of a pixel of that depth, px; far outside if behind the camera."""
+    x, y = (u - camera.cx) / camera.fx * z, (v - camera.cy) / camera.fy * z
+    pz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+    if not pz >= MIN_DEPTH:
+        return np.float64(-1e6), np.float64(-1e6)
+    px = (T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]) / pz
+    py = (T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]) / pz
+    return camera.fx * px + camera.cx, camera.fy * py + camera.cy
+
+
+@lean
+def is_marked(marks: U8, u: float, v: float, bit: np.uint8) -> bool:
+    """Whether an edge of that direction was found by `mark_edges` at a pixel, if that is inside."""
+    height, width = marks.shape
+    if not (-0.5 <= u < width - 0.5 and -0.5 <= v < height - 0.5):
+        return False
+    return marks[place(v + 0.5), place(u + 0.5)] & bit > 0
+
+
+@compiled
+def stay_in_place(
+    pixels: F32,
+    gradients: F32,
+    depths: F32,
+    camera: Pinhole,
+    T: F64,
+    marks: U8,
+    least_px: float,
+    stays: NDArray[np.bool_],
+    moves: NDArray[np.bool_],
+    sought: NDArray[np.bool_],
+) -> None:
+    """Say which samples lie where `mark_edges` has found one, and which ought to have moved on.
+
+    That is by ``least_px`` along the gradient, by the motion T to the camera of the marks. Those
+    that ought to, and were not seen where they ought to have come from, are ``sought``.
+    """
+    for i in range(depths.size):
+        u, v = np.float64(pixels[i, 0]), np.float64(pixels[i, 1])
+        gu, gv = np.float64(gradients[i, 0]), np.float64(gradients[i, 1])
+        bit = np.uint8(1 << direction_of(gu, gv))  # the middle one of the three
+        stays[i] = is_marked(marks, u, v, bit)
+        there_u, there_v = warped(u, v, np.float64(depths[i]), camera, T)
+        moves[i] = abs(gu * (there_u - u) + gv * (there_v - v)) >= least_px
+        sought[i] = moves[i] and not is_marked(marks, there_u, there_v, bit)
+
+
+@lean
+def count_beside(v: int, u: int, time: np.int32, times: I32, counts: U8) -> None:
+    """Add one to the counts of a pixel and of those beside it that have none of this time yet."""
+    height, width = counts.shape
+    for row in range(max(v - 1, 0), min(v + 2, height)):
+        for col in range(max(u - 1, 0), min(u + 2, width)):
+            if times[row, col] != time:
+                times[row, col] = time
+                counts[row, col] += np.uint8(1)
+
+
+@compiled
+def count_stays(
+    index: I32,
+    du: I16,
+    dv: I16,
+    table: F32,
+    depth: F32,
+    camera: Pinhole,
+    T: F64,
+    marks: U8,
+    least_px: float,
+    time: np.int32,
+    times: I32,
+    counts: U8,
+    many: int,
+) -> tuple[int, int, int]:
+    """Count at which edges `mark_edges` has found one, and whether they ought to have moved on.
+
+    ``counts`` (3, H, W), of raw pixels and of those beside them, are: of edges that have stayed
+    though they ought not, nor were seen where they ought to have come from; of those that have not
+    stayed; of all that have stayed. ``times`` tells when each was counted last. Returns how many
+    are of the first and were so ``many`` times; and of some that were less often before, how many
+    are of the first, and how many are not. Those that have not stayed count where others have.
+    """
+    width = marks.shape[1]
+    per_width = 1 / width
+    found = by_chance = rest = 0
+    for i in range(index.size):
+        v, u = row_and_column(index[i], per_width, width)
+        cu, cv = np.float64(u), np.float64(v)
+        if table.size > 0:
+            cu, cv = np.float64(table[v, u, 0]), np.float64(table[v, u, 1])
+        gu, gv, z = np.float64(du[v, u]), np.float64(dv[v, u]), np.float64(depth[v, u])
+        norm = np.sqrt(gu * gu + gv * gv)
+        if norm == 0:
+            continue
+        bit = np.uint8(1 << direction_of(gu, gv))
+        stays, asked = is_marked(marks, cu, cv, bit), i % ASKED == 0
+        if stays:
+            count_beside(v, u, time, times[2], counts[2])
+        elif not asked and counts[0, v, u] == 0:
+            continue
+        if not z >= MIN_DEPTH:
+            continue
+        there_u, there_v = warped(cu, cv, z, camera, T)
+        if not abs(gu * (there_u - cu) + gv * (there_v - cv)) >= least_px * norm:
+            continue
+        is_own = stays and not is_marked(marks, there_u, there_v, bit)
+        if asked and counts[0, v, u] < many:
+            by_chance += is_own
+            rest += not is_own
+        if is_own:
+            count_beside(v, u, time, times[0], counts[0])
+            found += counts[0, v, u] >= many
+        elif not stays:
+            count_beside(v, u, time, times[1], counts[1])
+    return found, by_chance, rest
 
 
 @compiled

@@ -32,6 +32,7 @@ from edvo.inertia import Inertia
 from edvo.instants import Instants
 from edvo.kit import Kit
 from edvo.locating import Locator
+from edvo.parting import Parting
 from edvo.pieces import Pieces
 from edvo.places import Found
 from edvo.planes import DepthTerm, PlaneFitter, PlaneMap, PlanePoints
@@ -164,6 +165,7 @@ class Odometry:
         self._record = Record(course, self._pieces)
         self._doubt = Doubt(kit, course)
         self._locator = Locator(kit, course, self._doubt)
+        self._parting = Parting(kit, course, self._locator)
         self._standing = Standing(kit, course, self._doubt, self._locator)
         self._upkeep = Upkeep(kit, course, self._pieces)
         self._recovery = Recovery(
@@ -244,6 +246,7 @@ class Odometry:
             if found is None:
                 return self._give_up(seen, UNSURE if adrift else NOWHERE, None)
             return self._resume(*found)
+        seen = self._parting.apart(seen) or seen
         alignment, status, reason, still = self._standing.register(seen)
         back = self._come_back(seen, alignment, status) if still is None else None
         is_back = back is not None
@@ -269,6 +272,7 @@ class Odometry:
             return self._lose_sight(seen, reason, alignment)
         if is_back:
             self._inertia.forget()
+            self._forget_view()
         if back is not None and alignment is back.alignment:
             self._earlier.settle()
             self._upkeep.forget_good()
@@ -279,6 +283,7 @@ class Odometry:
         joined = self._recovery.join(seen, alignment) if may_join else None
         if joined is not None:
             self._inertia.forget()
+            self._forget_view()
             self._earlier.forget()
             return self._accept(seen, joined, Status.DEGRADED, ASTRAY)
         return self._accept(seen, alignment, status, reason, still)
@@ -351,6 +356,7 @@ class Odometry:
         if wanted and self._recovery.begin_anew(seen, index):
             logger.info("frame %d: begun anew", index)
             self._inertia.forget()
+            self._forget_view()
             return self._record.keep(
                 timestamp, Status.DEGRADED, ANEW, np.eye(4), -1, is_keyframe=True, seen=seen
             )
@@ -365,6 +371,7 @@ class Odometry:
             self._standing.forget()
             self._instants.interrupt()
             self._inertia.forget()
+            self._forget_view()
 
     def _hold(self, timestamp: float) -> TrackedFrame:
         """Stay at the last pose while an image repeats, but not for long: the camera may move."""
@@ -405,6 +412,7 @@ class Odometry:
 
     def _resume(self, found: Found, status: Status, reason: str) -> TrackedFrame:
         """Go on from where a lost camera is found."""
+        self._forget_view()
         self._earlier.forget()
         return self._accept(found.seen, found.alignment, status, reason, found=found)
 
@@ -467,6 +475,7 @@ class Odometry:
             course.anchor = None
         course.last_time = timestamp
         self._standing.remember(seen)
+        self._learn_carried(seen, still)
         if status is Status.TRACKED:
             if degenerate:
                 status, reason = Status.DEGRADED, f"not constrained: {', '.join(degenerate)}"
@@ -561,6 +570,7 @@ class Odometry:
             self._standing.forget(timestamp - period)
             self._upkeep.forget_good()
             inertia.forget()
+            self._forget_view()
             course.leap(alignment.T_ref_cur)
             course.velocity = put_right.velocity
             return
@@ -581,6 +591,17 @@ class Odometry:
         course.step(alignment.T_ref_cur, T_last_cur, seconds)
         if closes:
             course.velocity = inertia.velocity.copy()
+
+    def _learn_carried(self, seen: Seen, still: Still | None) -> None:
+        """Learn what of the image is the camera's own from a frame that is to be trusted."""
+        carried = self._front_end.carried
+        if carried is not None and (self._doubt.is_sure or seen.is_parted) and still is None:
+            carried.note(seen, self._course.T_world_last)
+
+    def _forget_view(self) -> None:
+        """Take note that where the camera is says nothing of where it was."""
+        if self._front_end.carried is not None:
+            self._front_end.carried.forget_view()
 
     def _lose_sight(self, seen: Seen, reason: str, alignment: Alignment | None) -> TrackedFrame:
         """Lose a frame whose edges are known."""

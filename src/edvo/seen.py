@@ -32,6 +32,8 @@ class Seen:
         Whether all edges of the keyframe may count.
     is_stale : bool
         Whether its depth is that of a frame before, moved by what the camera was expected to.
+    is_parted : bool
+        Whether samples were taken from it that the camera carries with it.
     """
 
     frame: Frame
@@ -42,6 +44,7 @@ class Seen:
     is_fine: bool = False
     is_near: bool = False
     is_stale: bool = False
+    is_parted: bool = False
 
     def kept(self) -> "Seen":
         """Give the same with images that nobody writes to, as the next frame may to those it has.

@@ -9,7 +9,7 @@ import numpy as np
 from edvo import kernels
 from edvo.camera import Camera
 from edvo.config import Config
-from edvo.edges import EdgeBuffers, depth_at_edges, edges_to_keep, extract_edges
+from edvo.edges import NO_TABLE, EdgeBuffers, depth_at_edges, edges_to_keep, extract_edges
 from edvo.exposure import Exposure
 from edvo.frame import Frame, register_depth
 from edvo.gathering import carried, unknown
@@ -72,6 +72,10 @@ def warm_up(config: Config) -> None:
     depths = depth_at_edges(frame.depth, edges.index, config.edges)
     described = edges.describe(camera)
     unroll(described, 0.0, np.zeros(6), camera_of(camera), depths)
+    # and what the camera carries with it, which takes longer, too
+    times, counts = np.zeros((3, height, width), np.int32), np.zeros((3, height, width), np.uint8)
+    view = NO_TABLE, depth, camera_of(camera), np.eye(4), counts[0], 4.0
+    kernels.count_stays(edges.index, edges.du, edges.dv, *view, np.int32(1), times, counts, 1)
     # and faint edges, of which a keyframe has more
     buffers = EdgeBuffers(height, width)
     faint = replace(extract_edges(grey, config.edges, buffers), scale=0.7, scales=Scales(1.0, 0.5))
