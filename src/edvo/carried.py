@@ -22,10 +22,11 @@ logger = logging.getLogger(__name__)
 
 APART_PX = 4.0  # along its gradient: so far an edge has moved on for certain
 MOVED = 0.3  # of the samples: then the view has moved
-SOON, SELDOM = 2, 64  # frames between two looks at first, and where hardly an edge stays; so many
-PAUSE, LONGEST = 5, 10  # till it is tried anew, where the view has not moved; a reference's age
-LEAST, MANY = 10, 100  # are some, and not few, each in most of the looks so far
-STRIDE = 4  # a few of the samples tell how the view has moved
+STRIDE = 4  # one sample in so many tells that
+LONGEST = 10  # frames that a reference serves, if the view moves
+SOON, SELDOM = 2, 64  # frames from one look to the next: at first, and where hardly an edge stays
+PAUSE = 5  # the same where the view has not moved
+LEAST, MANY = 10, 100  # edges that have stayed in most of the looks: some, and not few
 MOST = 0.5  # of what ought to have moved: if more stays, it is the pose that is wrong
 LEAST_HITS, FULL = 4, 32  # looks that an edge has stayed in; after so many they count half
 CHANCE, BESIDE = 1e-4, 2.5  # that an edge is said to stay; how many of them lie beside a pixel
@@ -108,28 +109,33 @@ class Carried:
         self._T_world_ref: NDArray[np.float64] | None = None
         self._T_world_look: NDArray[np.float64] | None = None  # of the last look
 
+    @property
+    def has_reference(self) -> bool:
+        """Whether there is a frame that others can be held against."""
+        return self._T_world_ref is not None
+
     def look(
         self,
         samples: EdgePixels,
         T_world_cam: NDArray[np.float64],
         least_px: float = APART_PX,
-    ) -> Stays | None:
-        """Say which samples of a frame stay.
+    ) -> Stays:
+        """Say which samples of a frame stay, if there is a reference.
 
         Parameters
         ----------
         samples : EdgePixels
+            N of them, with depth.
         T_world_cam : ndarray of float64, shape (4, 4)
+            Where the frame was taken.
         least_px : float, optional
             Across itself, by which an edge has moved for certain.
 
         Returns
         -------
-        Stays or None
-            None where there is no reference.
+        Stays
         """
-        if self._T_world_ref is None:
-            return None
+        assert self._T_world_ref is not None
         return self._look_from(self._T_world_ref, samples, T_world_cam, least_px)
 
     def _look_from(
@@ -137,8 +143,9 @@ class Carried:
         T_world_ref: NDArray[np.float64],
         samples: EdgePixels,
         T_world_cam: NDArray[np.float64],
-        least_px: float,
+        least_px: float = APART_PX,
     ) -> Stays:
+        """The same, had the reference been taken elsewhere; its edges are where they were."""
         looked = Stays(*np.empty((3, len(samples)), np.bool_))
         kernels.stay_in_place(
             samples.pixels,
@@ -158,8 +165,9 @@ class Carried:
         Parameters
         ----------
         seen : Seen
+            If samples were taken from it, it is sure that the view has moved.
         T_world_cam : ndarray of float64, shape (4, 4)
-            Where it was, for certain.
+            Where it was taken, for certain.
         """
         sure, T_world_ref = seen.is_parted, self._T_world_ref
         self._age += 1
@@ -171,11 +179,11 @@ class Carried:
             return
         self._left = PAUSE
         few = seen.samples.every(STRIDE)
-        stays = self._look_from(T_world_ref, few, T_world_cam, APART_PX)
+        stays = self._look_from(T_world_ref, few, T_world_cam)
         if not stays.view_moves:
             return
         if self._T_world_look is not None:  # what stays by chance does so for some pixels
-            since = self._look_from(self._T_world_look, few, T_world_cam, APART_PX)
+            since = self._look_from(self._T_world_look, few, T_world_cam)
             if not since.view_moves:
                 return
         self._T_world_look = T_world_cam

@@ -36,6 +36,8 @@ class Locator:
 
     Attributes
     ----------
+    registrar : Registrar
+        By which it registers.
     assessor : Assessor
         Of what is found.
     mender : Mender
@@ -48,7 +50,7 @@ class Locator:
         self._instants, self._evidence = kit.instants, kit.uncertainty.evidence
         self._asks_scatter = kit.config.status.edge_jump > 0
         self._course, self._doubt = course, doubt
-        self._registrar = registrar = Registrar(kit, course)
+        self.registrar = registrar = Registrar(kit, course)
         self.assessor = Assessor(kit, course, doubt)
         self.mender = Mender(kit, course, doubt, registrar, self.assessor)
 
@@ -68,8 +70,8 @@ class Locator:
         far = course.is_far_step(timestamp)
         with self._clock("registration"):
             starts = self.starts(seen)
-            term = self._registrar.term(timestamp)
-            alignment = self._registrar.register(seen, starts, term, far=far)
+            term = self.registrar.term(timestamp)
+            alignment = self.registrar.register(seen, starts, term, far=far)
         is_off = self._is_off_planes if far else self._judge.may_be_off
         if is_off(alignment):
             with self._clock("search"):
@@ -93,7 +95,7 @@ class Locator:
         if not far and not unsure and not new and self.mender.amiss(seen, alignment) is None:
             return alignment, status, reason
         with self._clock("search"):
-            narrow = not far and self._registrar.begins_narrow
+            narrow = not far and self.registrar.begins_narrow
             if narrow and (unsure or (new and self._promises(seen, starts, term, alignment))):
                 alignment = self._widely(seen, starts, term, alignment)
                 status, reason = self.assessor.assess(alignment, timestamp)
@@ -132,7 +134,7 @@ class Locator:
         (Alignment, Status, str)
             See `locate`.
         """
-        timestamp, registrar = seen.frame.timestamp, self._registrar
+        timestamp, registrar = seen.frame.timestamp, self.registrar
         alignment = registrar.register(seen, self.starts(seen), registrar.term(timestamp))
         return alignment, *self.assessor.assess(alignment, timestamp)
 
@@ -180,9 +182,9 @@ class Locator:
 
     def _leaves_out(self, seen: Seen, alignment: Alignment) -> bool:
         """Whether a motion that edges could tell is one that hardly any of them does."""
-        if not self._registrar.begins_narrow:  # then there is no wider scale to begin with
+        if not self.registrar.begins_narrow:  # then there is no wider scale to begin with
             return False
-        return len(self._evidence.untold(self._registrar.edges(seen), seen.samples, alignment)) > 0
+        return len(self._evidence.untold(self.registrar.edges(seen), seen.samples, alignment)) > 0
 
     def _asks_depth(self, seen: Seen) -> bool:
         """Whether there is depth, to register by a second time."""
@@ -196,7 +198,7 @@ class Locator:
         Where most edges run along a motion they fit from the start, wherever along it that is, and
         the few across it, being off by more than these scatter, count as wrong matches.
         """
-        wide = self._registrar.widely(seen, starts, term)
+        wide = self.registrar.widely(seen, starts, term)
         return self.assessor.better(found, wide, seen.frame.timestamp)
 
     def _promises(
@@ -210,7 +212,7 @@ class Locator:
             return True
         points = thinned(seen.points, math.sqrt(STRIDE) * seen.points.step_px)
         few = replace(seen, samples=seen.samples.every(STRIDE), points=points)
-        wide = self._registrar.widely(few, starts, term)
+        wide = self.registrar.widely(few, starts, term)
         return wide.reason in FAILURES or is_sharper(wide, found, STRIDE)
 
     def _sharpest(
@@ -226,7 +228,7 @@ class Locator:
         key, scatter = self._course.key, self._judge.scatter
 
         def align(part: Seen, start: NDArray[np.float64]) -> Alignment:
-            return self._registrar.register(part, start[None], term, scatter.sharp_px)
+            return self.registrar.register(part, start[None], term, scatter.sharp_px)
 
         by_depth, _ = self._depth_alone.align(key, seen.samples, seen.points, starts[0])
         usual = thinned(seen.points, self._config.planes.point_step_px)
@@ -253,5 +255,5 @@ class Locator:
         """
         key, points = self._course.key, seen.points
         level, _ = self._depth_alone.align(key, seen.samples, points, found.T_ref_cur)
-        again = self._registrar.register(seen, level.T_ref_cur[None], term, far=far)
+        again = self.registrar.register(seen, level.T_ref_cur[None], term, far=far)
         return max((found, again), key=lambda each: agreement(each, key.planes, points))

@@ -271,8 +271,7 @@ class Odometry:
                 self._earlier.stay()
             return self._lose_sight(seen, reason, alignment)
         if is_back:
-            self._inertia.forget()
-            self._forget_view()
+            self._forget_way()
         if back is not None and alignment is back.alignment:
             self._earlier.settle()
             self._upkeep.forget_good()
@@ -282,8 +281,7 @@ class Odometry:
         may_join = self._pieces.here and self._locator.mender.put_right(alignment) is None
         joined = self._recovery.join(seen, alignment) if may_join else None
         if joined is not None:
-            self._inertia.forget()
-            self._forget_view()
+            self._forget_way()
             self._earlier.forget()
             return self._accept(seen, joined, Status.DEGRADED, ASTRAY)
         return self._accept(seen, alignment, status, reason, still)
@@ -355,8 +353,7 @@ class Odometry:
         wanted = self._recovery.is_expected_nowhere(timestamp)
         if wanted and self._recovery.begin_anew(seen, index):
             logger.info("frame %d: begun anew", index)
-            self._inertia.forget()
-            self._forget_view()
+            self._forget_way()
             return self._record.keep(
                 timestamp, Status.DEGRADED, ANEW, np.eye(4), -1, is_keyframe=True, seen=seen
             )
@@ -370,8 +367,7 @@ class Odometry:
             self._recovery.rewind(timestamp)
             self._standing.forget()
             self._instants.interrupt()
-            self._inertia.forget()
-            self._forget_view()
+            self._forget_way()
 
     def _hold(self, timestamp: float) -> TrackedFrame:
         """Stay at the last pose while an image repeats, but not for long: the camera may move."""
@@ -412,7 +408,7 @@ class Odometry:
 
     def _resume(self, found: Found, status: Status, reason: str) -> TrackedFrame:
         """Go on from where a lost camera is found."""
-        self._forget_view()
+        self._forget_way()
         self._earlier.forget()
         return self._accept(found.seen, found.alignment, status, reason, found=found)
 
@@ -569,8 +565,7 @@ class Odometry:
             self._doubt.mind_mending(timestamp, put_right.off)
             self._standing.forget(timestamp - period)
             self._upkeep.forget_good()
-            inertia.forget()
-            self._forget_view()
+            self._forget_way()
             course.leap(alignment.T_ref_cur)
             course.velocity = put_right.velocity
             return
@@ -598,8 +593,9 @@ class Odometry:
         if carried is not None and (self._doubt.is_sure or seen.is_parted) and still is None:
             carried.note(seen, self._course.T_world_last)
 
-    def _forget_view(self) -> None:
-        """Take note that where the camera is says nothing of where it was."""
+    def _forget_way(self) -> None:
+        """Take note that where the camera is says nothing of how it came there."""
+        self._inertia.forget()
         if self._front_end.carried is not None:
             self._front_end.carried.forget_view()
 

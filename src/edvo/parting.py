@@ -8,14 +8,13 @@ from edvo.carried import STRIDE, Stays
 from edvo.course import Course
 from edvo.kit import Kit
 from edvo.locating import Locator
-from edvo.registrar import Registrar
 from edvo.registration import FAILURES, Alignment
 from edvo.scatter import fitting_depth
 from edvo.seen import Seen
 
-STAYING, LEAST_LEFT = 0.1, 80  # share of the samples, and how many others, for there to be doubt
-STILL = 0.9  # of them stay where nothing moves
-MANY, FEW = 0.3, 0.05  # of what moves: so many that stay are doubtful, and once some were
+STAYING, STILL = 0.1, 0.9  # share of the samples that stay by chance, and where nothing moves
+LEAST_LEFT = 80  # samples that do not, to tell where they lead
+MANY, FEW = 0.3, 0.05  # of what ought to have moved, for a pose to be doubtful; once one was wrong
 FITTING, MORE_FIT = 0.6, 0.2  # of the others fit where they lead, and so many more than before
 BETTER, FAR_BETTER = 1.25, 2.0  # times as well depth fits there, and where no more of them do
 ASIDE_PX = 2.0  # by which what stays ought to have moved, to be taken from this frame
@@ -36,11 +35,9 @@ class Parting:
     def __init__(self, kit: Kit, course: Course, locator: Locator) -> None:
         self._front_end, self._course, self._clock = kit.front_end, course, kit.clock
         self._depth_alone, self._inlier_px = kit.depth_alone, kit.config.status.inlier_px
-        self._locator, self._registrar = locator, Registrar(kit, course)
-        self._asks_depth = kit.fitter.is_on
+        self._locator, self._asks_depth = locator, kit.fitter.is_on
         self._wait = self._left = 0  # frames from one try to the next, and until that
-        self._hot = 0  # frames for which it is still tried in each
-        self._early = EARLY
+        self._early, self._hot = EARLY, 0  # frames each of which is still looked at; see there
 
     def apart(self, seen: Seen) -> Seen | None:
         """Take from a frame the samples that the camera carries, where these outweigh the others.
@@ -58,31 +55,26 @@ class Parting:
         if carried is None or not self._asks_depth:
             return None
         self._left, self._hot = max(self._left - 1, 0), max(self._hot - 1, 0)
-        if self._left:
+        if self._left or not carried.has_reference:
             return None
-        looked = carried.look(seen.samples.every(STRIDE), self._course.T_world_last)
-        if looked is None or not self._is_doubtful(looked):
+        few = seen.samples.every(STRIDE)
+        if not self._is_doubtful(carried.look(few, self._course.T_world_last)):
             self._early = max(self._early - 1, 0)
             self._left = 0 if self._hot or self._early else SOON
             return None
-        looked = carried.look(seen.samples, self._course.T_world_last)
-        assert looked is not None
         with self._clock("search"):
-            rest = replace(seen, samples=seen.samples.where(~looked.stays))
-            found = self._locator.register(seen)[0]
             T_world_key = self._course.key.T_world_key
-            now = carried.look(seen.samples, T_world_key @ found.T_ref_cur)
-            again = self._without(rest, found, now) if now is not None else None
+            found = self._locator.register(seen)[0]
+            looked = carried.look(seen.samples, T_world_key @ found.T_ref_cur)
+            again = self._without(seen, found, looked)
             if again is None:
                 self._wait = 0 if self._hot else min(max(2 * self._wait, RARELY), SELDOM)
                 self._left = self._wait
                 return None
-            T_world_cam = T_world_key @ again.T_ref_cur
-            now = carried.look(seen.samples, T_world_cam, ASIDE_PX)
-            self._left, self._hot = 0, LASTING
-        assert now is not None
-        parted = seen.samples.where(~(now.stays & now.moves))
-        return replace(seen, samples=parted, is_parted=True)
+            self._hot = LASTING
+            looked = carried.look(seen.samples, T_world_key @ again.T_ref_cur, ASIDE_PX)
+            rest = seen.samples.where(~(looked.stays & looked.moves))
+        return replace(seen, samples=rest, is_parted=True)
 
     def _is_doubtful(self, looked: Stays) -> bool:
         """Whether some samples stay, and others do not, though by the last pose nothing moves."""
@@ -95,11 +87,12 @@ class Parting:
         """Whether a pose by which the view has moved is one that most samples confirm."""
         return looked.view_moves and looked.share < (FEW if self._hot else MANY)
 
-    def _without(self, rest: Seen, found: Alignment, looked: Stays) -> Alignment | None:
+    def _without(self, seen: Seen, found: Alignment, looked: Stays) -> Alignment | None:
         """Register what does not stay; None unless all say that the others ought to have moved."""
-        course, n = self._course, len(rest.samples)
         if self._is_right(looked):
             return None
+        course, rest = self._course, replace(seen, samples=seen.samples.where(~looked.stays))
+        n = len(rest.samples)
         with np.errstate(invalid="ignore"):
             near = np.abs(found.residuals[~looked.stays]) < self._inlier_px
         fitted = int(np.count_nonzero(near))
@@ -108,7 +101,8 @@ class Parting:
         start = course.T_key_last
         by_depth, _ = self._depth_alone.align(course.key, rest.samples, rest.points, start)
         starts = np.array([by_depth.T_ref_cur, start])
-        again = self._registrar.widely(rest, starts, self._registrar.term(rest.frame.timestamp))
+        registrar = self._locator.registrar
+        again = registrar.widely(rest, starts, registrar.term(rest.frame.timestamp))
         if again.reason in FAILURES or again.inliers < max(FITTING * n, fitted):
             return None
         is_clear = again.inliers > fitted + MORE_FIT * n
