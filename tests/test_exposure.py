@@ -349,3 +349,23 @@ def test_what_is_out_of_focus_is_not_taken_to_be_smeared():
     assert {result.edge_passes for result in results} == {0}
     results, _ = follow(soft, "edges.smear=measured", "motion.exposure=none")
     assert max(result.edge_passes for result in results) > 0
+
+
+def test_it_is_known_once_it_is_certain_to_a_third():
+    measured = exposure("motion.exposure=measured")
+    assert not measured.is_known
+    for seed in range(40):
+        measured.learn(*moment(seed))
+    assert measured.is_known
+    assert measured.seconds == pytest.approx(EXPOSED_S, rel=0.3)
+    measured.forget()
+    assert not measured.is_known
+    assert exposure(*known(0.02)).is_known  # nobody asks
+
+
+def test_it_fades_by_the_time_since_the_frame_before_that_told():
+    often, seldom = (exposure("motion.exposure=measured") for _ in range(2))
+    for _ in range(12):
+        often.learn(*moment(0), PERIOD)
+        seldom.learn(*moment(0), 20 * PERIOD)
+    assert seldom.estimate.variance > 1.5 * often.estimate.variance

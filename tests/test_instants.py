@@ -224,13 +224,12 @@ class Learning:
     """In the place of an exposure: the velocities of keyframes that it was told of."""
 
     def __init__(self):
-        self.is_on, self.told = True, []
-        self.estimate = SimpleNamespace(wanted=True)
+        self.is_on, self.is_known, self.told = True, False, []
 
     def forget(self):
         self.told.clear()
 
-    def learn(self, moment, key_velocity):
+    def learn(self, moment, key_velocity, seconds):
         self.told.append(key_velocity)
 
 
@@ -262,6 +261,8 @@ def test_an_exposure_is_learned_of_keyframes_whose_velocity_is_known(problem):
     more = replace(key, gathered=5)
     instants.exchange(key, more)
     assert len(three_frames(more)) == len(told)
+    exposure.is_known = True
+    assert not three_frames(more)  # one frame in so many is enough
 
 
 def test_a_lost_frame_interrupts():

@@ -13,7 +13,8 @@ from edvo.registration import Alignment
 from edvo.scatter import clarity, is_sharper
 from edvo.status import Status, speed_of
 
-LEAP_M_S2 = 30.0  # what pushes a camera harder is a wrong match, more often than not
+LEAP_M_S2 = 30.0  # what pushes a camera harder is a wrong match, more often than not;
+SCATTER_M = 0.02  # but poses scatter by half of that themselves, from one frame to the next
 JITTER_S = 0.04  # by which stamps are late, at most; what takes longer was no frame
 LEAPT = "farther from where it was expected than a hand moves a camera"
 
@@ -139,7 +140,7 @@ class Assessor:
         is_known = bool(course.velocity.any())
         speed = math.hypot(*course.velocity[:3].tolist()) if is_known else FASTEST_M_S
         unknown_s = abs(period - before) if is_known else period
-        return speed * unknown_s + LEAP_M_S2 * longer * longer
+        return speed * unknown_s + max(LEAP_M_S2 * longer * longer, SCATTER_M)
 
     def better(self, found: Alignment, other: Alignment, timestamp: float) -> Alignment:
         """Of two that fit: what is not lost, else whose depth is not off, else the clearer.

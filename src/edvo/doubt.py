@@ -27,6 +27,7 @@ PUT_RIGHT = "put right less than a second ago: till then it went along what hard
 FOUND_FAR = "found again less than a second ago, lost where it would have leapt"
 # Motion alone does not change a view so much in so short a time: light does, or a hand that comes.
 JUST_NOW_S = 0.1
+CALM, ASK_S = 0.25, 0.05  # as long as less of what is allowed moves, depth is asked so often, s
 WRONG_M = 0.05  # that poses were off by, to be called wrong
 CHANGED = "less than a second ago the view had changed at once"
 LONG_SURE_S = 3.0  # after so long in doubt a pose that was sure tells nothing
@@ -60,7 +61,7 @@ class Doubt:
         # When a keyframe was made of a pose that may be off, or the camera found elsewhere.
         self._loose_time, self.way_reason = -math.inf, WAS_LOOSE
         self._has_leapt = False
-        self.moving_time = -math.inf
+        self.moving_time = self._calm_time = -math.inf
         self.is_sure = True
         # When a pose last was, and by which keyframe where.
         self._last_sure: tuple[float, Keyframe, NDArray[np.float64]] | None = None
@@ -157,12 +158,13 @@ class Doubt:
 
     def calm(self) -> None:
         """Let nothing be in doubt, by what was seen till now."""
-        self._time = self.moving_time = self._loose_time = -math.inf
+        self._time = self.moving_time = self._loose_time = self._calm_time = -math.inf
         self._has_leapt = False
 
     def forget(self) -> None:
         """Drop what was seen on the way here."""
         self._witness.forget()
+        self._calm_time = -math.inf
         self._last_sure = None
 
     def forget_since(self, timestamp: float) -> None:
@@ -174,6 +176,7 @@ class Doubt:
             Seconds.
         """
         self._witness.forget(timestamp)
+        self._calm_time = -math.inf
 
     def rewind(self) -> None:
         """Take note of a clock that has jumped back."""
@@ -227,7 +230,8 @@ class Doubt:
     ) -> tuple[Status, str]:
         """Hold a pose against the depth of a moment ago: what was empty cannot be filled.
 
-        Depth that repeats is that of a moment ago itself, and is not asked.
+        Depth that repeats is that of a moment ago itself, and is not asked. Nor, without doubt, is
+        what follows closely on a frame that was, and by which nothing moved.
 
         Parameters
         ----------
@@ -241,9 +245,9 @@ class Doubt:
         (Status, str)
             As they are then.
         """
-        if seen.is_stale:
-            return status, reason
         timestamp, limits = seen.frame.timestamp, self._limits
+        if seen.is_stale or (status is Status.TRACKED and self._has_just_asked(timestamp)):
+            return status, reason
         with self._clock("witness"):
             conflict, T_world_cam, surface = self._conflict(seen, alignment)
         if conflict > limits.max_conflict:
@@ -253,8 +257,14 @@ class Doubt:
             if conflict > limits.lost_conflict:
                 return Status.LOST, reason
             status = Status.DEGRADED
+        if conflict < CALM * limits.max_conflict:
+            self._calm_time = timestamp
         self._witness.remember(timestamp, T_world_cam, surface)
         return status, reason
+
+    def _has_just_asked(self, timestamp: float) -> bool:
+        """Whether depth was held against that of before a frame ago, and nothing moved at all."""
+        return 0 < timestamp - self._calm_time < ASK_S and not self.lasts(timestamp)
 
     def finds_motion(self, seen: Seen, alignment: Alignment) -> bool:
         """Whether things move past a pose, though not so much that it is none; casts no doubt.

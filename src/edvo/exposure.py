@@ -24,6 +24,7 @@ EXPECTED_S = 0.03  # for how long an image is exposed, before anything is known 
 LARGEST_S = 0.05  # that is believed: of more, a camera would blur whatever it shows
 LEAST_S = 0.01  # that matters,
 LASTING = 0.7  # or of that, once it does
+KNOWN = 0.3  # of its square, or of the least that matters, that it is known to (one sigma)
 WIDTH_PX2 = 0.4  # by so much the widths of two quarters of the edges differ by chance,
 LARGE = 5000.0  # px^2/s^2: and by more the more both move apart, as the most smeared are not found
 SHARED = 3.0  # frames that err together, as they have one keyframe
@@ -70,7 +71,14 @@ class Exposure:
         self.estimate.forget()
         self.seconds = self._known
 
-    def learn(self, moment: Moment, key_velocity: NDArray[np.float64]) -> None:
+    @property
+    def is_known(self) -> bool:
+        """Whether it is so certain that a frame now and then keeps it up, or nobody asks."""
+        return self.estimate.is_known(KNOWN * max(self.estimate.value, LEAST_S**2))
+
+    def learn(
+        self, moment: Moment, key_velocity: NDArray[np.float64], seconds: float | None = None
+    ) -> None:
         """Compare how much wider edges are than their matches with how much faster they move.
 
         Parameters
@@ -79,6 +87,8 @@ class Exposure:
             A frame that is to be trusted.
         key_velocity : ndarray of float64, shape (6,)
             Of the camera at its keyframe, [v, w] in its own frame, 1/s.
+        seconds : float, optional
+            Since the frame that was learned from before it; its period where not given.
         """
         samples, keyframe, alignment = moment.seen.samples, moment.keyframe, moment.alignment
         key = keyframe.edges.edges
@@ -102,7 +112,8 @@ class Exposure:
             self._pinhole,
         )
         certain = 1 / (WIDTH_PX2**2 * (1 + (moves / LARGE) ** 2)) if count >= ENOUGH else 0.0
-        self.estimate.note(certain * moves * moves, certain * moves * widens, moment.period)
+        age = moment.period if seconds is None else seconds
+        self.estimate.note(certain * moves * moves, certain * moves * widens, age)
         seconds = min(math.sqrt(max(self.estimate.value, 0.0)), LARGEST_S)
         self.seconds = seconds if seconds > (LASTING if self.seconds else 1.0) * LEAST_S else 0.0
 

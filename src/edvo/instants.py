@@ -191,7 +191,8 @@ class Instants:
             return
         self._count += 1
         wanted = self._count % RARELY == 0 or not self._are_known
-        exposed = self.exposure.estimate.wanted
+        frames = RARELY if self.exposure.is_known else 1
+        exposed = self._count % frames == 0
         age = seen.frame.timestamp - keyframe.timestamp
         is_second = abs(age - period) < SOON_S
         moment = self._moments.note(
@@ -200,8 +201,8 @@ class Instants:
         if moment is None:
             return
         velocity = self._velocity_of(moment.keyframe)
-        if velocity is not None:
-            self.exposure.learn(moment, velocity)
+        if exposed and velocity is not None:
+            self.exposure.learn(moment, velocity, frames * moment.period)
         if wanted:
             self.depth.learn(moment)
             self._learn_readout(moment)
