@@ -36,8 +36,13 @@ AS_IT_IS = (
     "edges.max_blockiness=1e9",
     "edges.black_rim=kept",
     "edges.carried=kept",
+    "edges.bands=kept",
+    "planes.lead=none",
 )
 RIM_PX = 25
+MAINS_HZ, READOUT_S, LIT = 100.0, 0.03, 0.35  # of a lamp, and by what share of its light
+SWITCHED_HZ, EXPOSED_S = 120.0, 0.002  # of one that is switched on and off
+JUMPS_HZ, JUMP = 4.0, 0.35  # of a gain: its logarithm (one sigma)
 PRINT = "2026-11-27 12:00 CAM 1"
 
 Grey = NDArray[np.uint8]
@@ -110,6 +115,35 @@ def dirt(frame: Frame, _: np.random.Generator) -> Frame:
     return replace(frame, grey=dark.astype(np.uint8))
 
 
+def bands(frame: Frame, _: np.random.Generator) -> Frame:
+    """Light it by a lamp on the mains while its rows are read, one after the other."""
+    return _lit(frame, 1 + LIT * np.sin(2 * np.pi * MAINS_HZ * _instants(frame)))
+
+
+def switched(frame: Frame, _: np.random.Generator) -> Frame:
+    """Light it by a lamp that is switched on and off, more often than it is seen to be."""
+    exposed = _instants(frame)[:, None] + np.linspace(0, EXPOSED_S, 25)
+    return _lit(frame, 1 + LIT * (1 - 2 * (SWITCHED_HZ * exposed % 1 < 0.5).mean(axis=1)))
+
+
+def gain(frame: Frame, _: np.random.Generator) -> Frame:
+    """Take it by a gain that jumps."""
+    random = np.random.default_rng(int(JUMPS_HZ * frame.timestamp))
+    return _lit(frame, np.full(len(frame.grey), np.exp(random.normal(0, JUMP))))
+
+
+def _instants(frame: Frame) -> NDArray[np.float64]:
+    """When each row is read, seconds."""
+    rows = len(frame.grey)
+    return frame.timestamp + READOUT_S * np.arange(rows) / rows
+
+
+def _lit(frame: Frame, rows: NDArray[np.float64]) -> Frame:
+    """Multiply the light of each row; what is then too bright is white."""
+    lit = np.clip(frame.grey * rows[:, None], 0, 255)
+    return replace(frame, grey=lit.astype(np.uint8))
+
+
 DEFECTS: dict[str, Spoil] = {
     "none": lambda frame, _: frame,
     "noise, 5 grey levels": noise(5),
@@ -122,6 +156,9 @@ DEFECTS: dict[str, Spoil] = {
     "print, four lines": printed,
     "scratches on a window": scratches,
     "dirt on the lens": dirt,
+    "a lamp on the mains, row by row": bands,
+    "a lamp that is switched, row by row": switched,
+    "gain that jumps four times a second": gain,
 }
 
 

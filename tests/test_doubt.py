@@ -1,5 +1,7 @@
 """What makes a pose that seems to fit a doubtful one: foreign edges, and depth that jumps."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -62,7 +64,7 @@ def test_little_agreement_is_degraded():
     result = second(frames[0], frames[1], "status.doubt_agreeing=1.0")
     assert result.status is Status.DEGRADED
     assert "turned alike" in result.reason
-    result = second(frames[0], frames[1], "status.min_agreeing=1.0")
+    result = second(frames[0], frames[1], "status.min_agreeing=1.0", "planes.lead=none")
     assert result.status is Status.LOST
 
 
@@ -193,3 +195,32 @@ def test_no_frame_is_in_doubt_for_another_where_that_is_not_asked_for(preset, mo
     results = changed_at(5, preset=preset, more=more)
     assert "of the samples fit" in results[5].reason
     assert {result.status for result in results[7:]} == {Status.TRACKED}
+
+
+# ------------------------------------------------------------------ how often depth is asked
+
+
+def asked(moves, period, count=8):
+    """Which of so many frames are held against the depth of a moment ago."""
+    frames, _ = problems.sequence(count)
+    odometry, times = Odometry(CAMERA), []
+    conflict = odometry._doubt._conflict
+
+    def watched(seen, alignment):
+        times.append(round(seen.frame.timestamp / period))
+        return moves, *conflict(seen, alignment)[1:]
+
+    odometry._doubt._conflict = watched
+    for k, frame in enumerate(frames):
+        odometry.track(replace(frame, timestamp=k * period))
+    return sorted(set(times))
+
+
+def test_depth_is_asked_in_every_other_frame_while_nothing_moves():
+    assert asked(0.0, 1 / 30) == [1, 3, 5, 7]
+    assert asked(0.0, 1 / 15) == [1, 2, 3, 4, 5, 6, 7]  # these are as far apart as those
+
+
+def test_in_each_where_a_little_moves_or_there_is_doubt():
+    assert asked(0.01, 1 / 30) == [1, 2, 3, 4, 5, 6, 7]
+    assert asked(0.1, 1 / 30) == [1, 2, 3, 4, 5, 6, 7]

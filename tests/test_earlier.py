@@ -48,7 +48,7 @@ def test_it_goes_back_to_the_keyframe_that_fits(walk):
 
 
 def test_asked_for_none_it_is_lost(walk):
-    odometry = in_another_light(walk, "keyframes.earlier=0")
+    odometry = in_another_light(walk, "keyframes.earlier=0", "planes.lead=none")
     assert odometry.track(walk[1][BEFORE]).status is Status.LOST
 
 
@@ -99,6 +99,8 @@ def test_what_keyframes_are_off_each_other_is_no_motion(walk):
 def test_one_that_stands_farther_off_than_a_hand_moves_is_not_gone_back_to(walk, monkeypatch):
     odometry, frame = with_the_first_aside(walk)
     monkeypatch.setattr("edvo.assessing.LEAP_M_S2", 5.0)  # by 6 mm from frame to frame
+    monkeypatch.setattr("edvo.assessing.SCATTER_M", 0.0)
+    monkeypatch.setattr(odometry._leading, "lead", lambda seen: None)
     assert odometry.track(frame).status is Status.LOST
     assert odometry._course.key.index == BEFORE - 1
 

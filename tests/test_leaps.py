@@ -18,6 +18,7 @@ KNOWN = 6  # frames, until the usual scale is known
 # what else may find that it is wrong
 ALONE = "motion.search_deg=0", "keyframes.earlier=0", "status.max_conflict=0"
 ALONE = *ALONE, "status.depth_jump=1e6", "status.max_depth_sigma=1e6", "edges.carried=kept"
+ALONE = *ALONE, "planes.lead=none"
 ONE_UP = np.array([0.0, -0.17, 0.28, 0.0, 0.0, 0.0])  # about a step of the stairs
 
 
@@ -175,3 +176,15 @@ def test_a_stream_whose_stamps_jitter_is_tracked():
         assert odometry.track(replace(frame, timestamp=frame.timestamp + late)).status is (
             Status.TRACKED
         )
+
+
+@pytest.mark.parametrize(("rate", "limit_m"), [(30, 30 / 30**2), (60, 0.02), (90, 0.02)])
+def test_however_often_frames_come_poses_scatter(stairs, rate, limit_m):
+    camera, frames, _ = stairs
+    odometry = Odometry(camera)
+    odometry.track(frames[0])
+    course = odometry._course
+    course.last_time, course.before = 1.0, (1.0 - 1 / rate, np.eye(4), np.zeros(6))
+    course.velocity[0] = 0.3
+    assessor = odometry._locator.assessor
+    assert assessor.limit(1.0 + 1 / rate) == pytest.approx(limit_m)

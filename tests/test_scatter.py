@@ -256,6 +256,7 @@ def test_without_the_scale_of_late_it_is_not(corridor):
     # each of these alone mends most of it
     plain = "edges.grey_steps=1", "edges.faint_scale=1", "keyframes.edge_scale=1"
     plain = *plain, "keyframes.gather_share=0", "keyframes.earlier=0", "edges.depth_rule=window"
+    plain = *plain, "planes.lead=none"
     statuses, off = walked(corridor, LEFT, *plain)
     assert Status.LOST in statuses
     assert off > 0.05

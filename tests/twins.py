@@ -1239,3 +1239,50 @@ def left_out(seen, camera, residuals, trust, weight, sigma):
     J = trust[:, None] * jacobian(seen, camera)
     left = weight(np.zeros(1)) - weight(trust * residuals / sigma)
     return (J * left[:, None]).T @ J
+
+
+def one_sided_rows(dv, step_v, step_u, least):
+    """The lesser share of rows whose halves both lean down, or both up, as far as they tell."""
+    half = dv.shape[1] // 2
+    ways = []
+    for row in dv[step_v // 2 :: step_v]:
+        sides = []
+        for side in (row[step_u // 2 : half : step_u], row[half::step_u]):
+            down, up = np.count_nonzero(side > 0), np.count_nonzero(side < 0)
+            if down + up >= least:
+                sides.append((down >= 3 * up, up >= 3 * down))
+        ways.append(np.all(sides, axis=0) if sides else (False, False))
+    return np.mean(ways, axis=0).min() if ways else 0.0
+
+
+def least_of_any(values, side):
+    """A morphological opening."""
+    window = np.ones((1, side), np.uint8)
+    return cv2.dilate(cv2.erode(values[None], window), window)[0]
+
+
+def row_slopes(grey, dv, step_v, step_u, least, n):
+    raw, means = np.zeros(n), np.zeros(n)
+    for k in range(n):
+        v = k * step_v + step_v // 2
+        light, gradient = (a[v, step_u // 2 :: step_u].astype(float) for a in (grey, dv))
+        tells = (light > kernels.DARKEST) & (light < kernels.BRIGHTEST)
+        if tells.sum() >= least:
+            raw[k] = np.median(gradient[tells] / light[tells])
+            means[k] = light[tells].mean()
+    if n < kernels.BAND_ROWS:
+        return np.zeros(n), 0.0
+    up, down = (least_of_any(np.maximum(s * raw, 0), kernels.BAND_ROWS) for s in (1, -1))
+    return up - down, (np.abs(up - down) * means).max()
+
+
+def take_off_slopes(grey, slopes, step_v, dv):
+    last = len(slopes) - 1
+    at = ((np.arange(len(dv)) - step_v // 2) / step_v).clip(0, last)
+    k = np.minimum(at.astype(int), max(last - 1, 0))
+    rows = slopes[k] + (at - k) * (slopes[np.minimum(k + 1, last)] - slopes[k])
+    share = np.float32(kernels.BAND_MARGIN * rows)[:, None]
+    light = np.trunc(share * grey.astype(np.float32)).astype(int)
+    less = np.where(share > 0, np.minimum(light, np.maximum(dv, 0)), 0)
+    more = np.where(share < 0, np.maximum(light, np.minimum(dv, 0)), 0)
+    return dv - less - more

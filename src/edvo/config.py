@@ -93,6 +93,11 @@ class EdgesConfig(Section):
         description="what is black about images, as outside the view of a lens, has edges that "
         "move with the camera: no edge is taken beside it. Not in the paper",
     )
+    bands: Literal["removed", "kept"] = Field(
+        default="removed",
+        description="gradients that all pixels of a row share, as light that flickers makes them "
+        "while the rows are read out, are taken off, or kept. Not in the paper",
+    )
     carried: Literal["left-out", "kept"] = Field(
         default="left-out",
         description="edges that stay in the image while the view moves, as of dirt on the lens, or "
@@ -384,6 +389,12 @@ class PlanesConfig(Section):
         default=0.5,
         description="a frame without edges goes on by depth alone, degraded, where this share of "
         "its points lies on planes of the keyframe; 0: it is lost",
+    )
+    lead: Literal["changed-views", "none"] = Field(
+        default="changed-views",
+        description="where the edges of a view have changed at once, as those of light that jumps, "
+        "depth alone leads on, if it leaves no motion open, and the frame is degraded; or it is "
+        "lost. With alone_share. Not in the paper",
     )
 
 
@@ -812,12 +823,14 @@ PRESETS: dict[str, dict[str, Any]] = {
             "grey_steps": 1,
             "max_noise": 0.0,
             "black_rim": "kept",
+            "bands": "kept",
             "carried": "kept",
             "depth_rule": "window",
         },
         "planes": {
             "weight": 0.0,
             "alone_share": 0.0,
+            "lead": "none",
             "edge_doubt_rule": "fixed",
             "depth_doubt_rule": "none",
             "finer": "none",

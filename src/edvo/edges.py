@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edvo import kernels
+from edvo.banding import Bands
 from edvo.camera import Camera
 from edvo.compression import blockiness
 from edvo.config import EdgesConfig
@@ -241,6 +242,8 @@ class EdgeBuffers:
 
     Attributes
     ----------
+    bands : Bands
+        What is known of such in the images so far.
     shown : ndarray of uint8, shape (H, W), or None
         255 where edges are taken, 0 where none is; all over where it is None.
     hidden : ndarray of uint8, shape (H, W), or None
@@ -253,6 +256,7 @@ class EdgeBuffers:
         self.mask = np.empty((height, width), np.uint8)
         self.room = np.empty(2 * height * width + 1, np.int32)  # for lists of pixels
         self.wide = np.empty((2, height, width + 2), np.int16)  # for images blurred by more
+        self.bands = Bands()
         self.shown: NDArray[np.uint8] | None = None
         self.hidden: NDArray[np.uint8] | None = None
 
@@ -293,6 +297,8 @@ def extract_edges(
     buffers = buffers or EdgeBuffers(*grey.shape)
     quiet, variance = quieted(grey, config.max_noise)
     slopes(quiet, config, buffers, blind, passes)
+    if config.bands == "removed" and not passes:  # else edges are as wide as bands
+        buffers.bands.remove(quiet, buffers.dv, config.grey_steps)
     as_blurred = partial(replace, passes=passes, blur_px2=variance + PASS_PX2 * passes)
     if config.extractor != "canny":
         MASKS[config.extractor](quiet, config, buffers)

@@ -58,6 +58,8 @@ LOG_2 = np.float32(np.log(2))
 ROOT_OF_HALF = np.int32(np.float32(np.sqrt(0.5)).view(np.int32))  # its bits
 SHARED_DEPTH = 0.1  # neighbours that differ by less, of their depth, are of one surface
 DARKEST, BRIGHTEST = 8, 247  # grey levels at which noise is cut off, or compressed away
+BAND_ROWS = 9  # rows looked at that a slope of light spans: more than an edge along them does
+BAND_MARGIN = 1.5  # by so much more is taken off: where light bends in a line its slope is rough
 MOST_ROUGH = 2**10 - 1  # noise of 250 grey levels leaves two fifths less rough
 FLAT = np.float32(1e-6)  # a bend of less than that is none: logarithms are not more exact
 PROFILES = 400  # so many tell how profiles usually change,
@@ -346,6 +348,117 @@ def count_strengths(dx: I16, dy: I16, step: int, counts: I32) -> None:
         for u in range(step // 2, dx.shape[1], step):
             strength = np.abs(np.int64(dx[v, u])) + np.abs(np.int64(dy[v, u]))
             counts[place(min(strength, most))] += 1
+
+
+@lean
+def leaning(dv: I16, first: int, end: int, step: int, least: int) -> int:
+    """Tell whether three of four gradients in a row are above 0, 1, or below, -1; else 0.
+
+    2 where fewer than ``least`` of those looked at are one or the other.
+    """
+    down = up = 0
+    for u in range(first, end, step):
+        down += int(dv[u] > 0)
+        up += int(dv[u] < 0)
+    if down + up < least:
+        return 2
+    return int(down >= 3 * up) - int(up >= 3 * down)
+
+
+@compiled
+def one_sided_rows(dv: I16, step_v: int, step_u: int, least: int) -> float:
+    """Share of the rows from which all of an image gets darker, or brighter: the lesser of both.
+
+    Of every ``step_v``-th row, by every ``step_u``-th pixel: three of four gradients along columns
+    point one way, on the left as on the right, but for a side on which fewer than ``least`` tell.
+    """
+    rows = falls = rises = 0
+    width = dv.shape[1]
+    for v in range(step_v // 2, dv.shape[0], step_v):
+        left = leaning(dv[v], step_u // 2, width // 2, step_u, least)
+        right = leaning(dv[v], width // 2, width, step_u, least)
+        rows += 1
+        falls += int(max(left, right) >= 1 and min(left, right) == 1)
+        rises += int(min(left, right) == -1 and (max(left, right) == -1 or max(left, right) == 2))
+    return min(falls, rises) / max(rows, 1)
+
+
+@compiled
+def least_of_any(values: F64, side: int, room: F64) -> None:
+    """Lower values to the highest at which ``side`` of them in a row stand, an odd number.
+
+    So a peak that is narrower goes, and what is wider stays as it is, its corners too. Beyond
+    either end nearly half of them may lie. ``room`` is for as many values.
+    """
+    n, half = values.size, side // 2
+    for k in range(n):
+        first = k - half
+        room[k] = values[max(first, 0) : min(first + side, n)].min()
+    for k in range(n):
+        values[k] = room[max(k - half, 0) : min(k + half + 1, n)].max()
+
+
+@compiled
+def row_slopes(grey: U8, dv: I16, step_v: int, step_u: int, least: int, slopes: F64) -> float:
+    """Write how light changes along columns, as a share of it, for every ``step_v``-th row.
+
+    The median over every ``step_u``-th pixel that is neither black nor white, 0 where these are
+    few; and of that what so many rows have in common as no edge along them is wide. Returns the
+    largest, in units of the gradient.
+    """
+    n, width = slopes.size, grey.shape[1]
+    up, down, room, some = np.zeros(n), np.zeros(n), np.empty(n), np.empty(width // step_u + 1)
+    means = np.zeros(n)
+    for k in range(n):
+        v, count, total = k * step_v + step_v // 2, 0, 0
+        for u in range(step_u // 2, width, step_u):
+            if DARKEST < grey[v, u] < BRIGHTEST:
+                some[count] = dv[v, u] / grey[v, u]
+                total += grey[v, u]
+                count += 1
+        if count >= least:
+            slope = np.median(some[:count])
+            up[k], down[k], means[k] = max(slope, 0.0), max(-slope, 0.0), total / count
+    slopes[:] = 0
+    if n < BAND_ROWS:
+        return 0.0
+    least_of_any(up, BAND_ROWS, room)
+    least_of_any(down, BAND_ROWS, room)
+    largest = 0.0
+    for k in range(n):
+        slopes[k] = up[k] - down[k]
+        largest = max(largest, abs(slopes[k]) * means[k])
+    return largest
+
+
+@lean
+def lessen_row(grey: U8, slope: float, dv: I16) -> None:
+    """Take from gradients of a row what the slope makes of its light, of those along it."""
+    share, zero = np.float32(BAND_MARGIN * slope), np.int16(0)
+    lowest, highest = np.float32(-32768), np.float32(32767)
+    if slope > 0:
+        for u in range(dv.size):
+            light = np.int16(min(share * np.float32(grey[u]), highest))
+            dv[u] -= min(light, max(dv[u], zero))
+    else:
+        for u in range(dv.size):
+            light = np.int16(max(share * np.float32(grey[u]), lowest))
+            dv[u] -= max(light, min(dv[u], zero))
+
+
+@compiled
+def take_off_slopes(grey: U8, slopes: F64, step_v: int, dv: I16) -> None:
+    """Take from gradients along columns what `row_slopes`, between them in a line, make of light.
+
+    None becomes one of the other sign: where an image is white it has no slope to take off.
+    """
+    last = slopes.size - 1
+    for v in range(dv.shape[0]):
+        at = min(max((v - step_v // 2) / step_v, 0.0), float(last))
+        k = min(int(at), max(last - 1, 0))
+        slope = slopes[k] + (at - k) * (slopes[min(k + 1, last)] - slopes[k])
+        if slope != 0:
+            lessen_row(grey[v], slope, dv[v])
 
 
 @lean

@@ -21,7 +21,7 @@ from edvo.course import (
 )
 from edvo.depth_alone import DepthAlone
 from edvo.detail import Detail, usual_detail, worthwhile_detail
-from edvo.doubt import ASTRAY, Doubt
+from edvo.doubt import ASTRAY, CHANGED, Doubt
 from edvo.earlier import Back, EarlierKeyframes
 from edvo.errors import ConfigError, FrameError
 from edvo.exposure import Exposure
@@ -31,6 +31,7 @@ from edvo.front_end import FrontEnd
 from edvo.inertia import Inertia
 from edvo.instants import Instants
 from edvo.kit import Kit
+from edvo.leading import LEADS, Leading
 from edvo.locating import Locator
 from edvo.parting import Parting
 from edvo.pieces import Pieces
@@ -175,6 +176,7 @@ class Odometry:
             kit, course, self._pieces, self._locator, self._upkeep.store
         )
         self._blind = Blind(kit, course, self._doubt)
+        self._leading = Leading(kit, course, self._locator)
 
     @property
     def trajectory(self) -> Trajectory:
@@ -256,6 +258,9 @@ class Odometry:
             other = self._earlier.go_back(seen)
             if other is not None:
                 alignment, status, reason, is_back = other, Status.TRACKED, "", True
+        led = self._led(seen) if status is Status.LOST else None
+        if led is not None:
+            alignment, status, reason, still = led, Status.DEGRADED, LEADS, None
         if status is Status.LOST:
             # it may be where it was before
             found = self._recovery.find(seen) if self._pieces.here else None
@@ -270,6 +275,8 @@ class Odometry:
             if is_back:
                 self._earlier.stay()
             return self._lose_sight(seen, reason, alignment)
+        if led is not None:
+            self._doubt.cast(frame.timestamp, CHANGED)
         if is_back:
             self._forget_way()
         if back is not None and alignment is back.alignment:
@@ -310,6 +317,11 @@ class Odometry:
         self._upkeep.catch_up()
         self._rewind(timestamp)
         return self._lose(timestamp, reason)
+
+    def _led(self, seen: Seen) -> Alignment | None:
+        """Go on by depth alone where a frame is lost by its edges, unless something moves."""
+        is_moving = self._standing.is_moving(seen.frame.timestamp)
+        return None if is_moving else self._leading.lead(seen)
 
     def _stale_seen(self, seen: Seen) -> Seen:
         """Let depth that repeats count once; but not where it alone tells, or something moves."""

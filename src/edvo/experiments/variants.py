@@ -43,6 +43,8 @@ VARIANTS = (
     Variant("images: black rims ignored", ("edges.black_rim=ignored",)),
     Variant("images: what the camera carries kept", ("edges.carried=kept",)),
     Variant("images: what the camera carries left out", ("edges.carried=left-out",)),
+    Variant("images: bands of a lamp kept", ("edges.bands=kept",)),
+    Variant("images: bands of a lamp removed", ("edges.bands=removed",)),
     Variant("edges: at whole pixels", ("edges.position=pixel",)),
     Variant("edges: between pixels", ("edges.position=vertex",)),
     Variant("planes: none", ("planes.weight=0",)),
@@ -56,6 +58,11 @@ VARIANTS = (
         ("planes.weight=1", "planes.depth_doubt_rule=none"),
     ),
     Variant("planes: never finer", ("planes.weight=1", "planes.finer=none")),
+    Variant("planes: do not lead", ("planes.weight=1", "planes.lead=none")),
+    Variant(
+        "planes: lead where a view has changed",
+        ("planes.weight=1", "planes.alone_share=0.5", "planes.lead=changed-views"),
+    ),
     Variant("planes: edges not doubted", ("planes.weight=1", "planes.edge_doubt_px=0")),
     Variant(
         "planes: at full weight whatever the residuals", ("planes.weight=1", "planes.doubt=1e6")
