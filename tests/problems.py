@@ -10,6 +10,7 @@ from edvo import se3
 from edvo.camera import Camera
 from edvo.edges import EdgePixels
 from edvo.frame import Frame
+from edvo.synthesis.sequence import SyntheticSource, make_recipe
 
 CAMERA = Camera(width=320, height=240, fx=262.5, fy=262.5, cx=159.5, cy=119.5)
 VGA = Camera(width=640, height=480, fx=525.0, fy=525.0, cx=319.5, cy=239.5)
@@ -246,3 +247,11 @@ def sequence(count=30):
     for frame in frames:
         frame.grey.flags.writeable = frame.depth.flags.writeable = False
     return frames, poses
+
+
+def rendered(scene, count, **how):
+    """Camera and frames of a scene, and where each is in the camera of the first one."""
+    source = SyntheticSource(make_recipe(scene, frames=count, **how))
+    frames = [source.read(i).frame for i in range(count)]
+    truth = [source.ground_truth.at(frame.timestamp) for frame in frames]
+    return source.camera, frames, [se3.inverse(truth[0]) @ T_world for T_world in truth]

@@ -10,9 +10,8 @@ from edvo.config import Config
 from edvo.edges import EdgeBuffers, extract_edges, slopes
 from edvo.odometry import Odometry, Status
 from edvo.report.warmup import warm_up
-from edvo.synthesis.sequence import SyntheticSource, make_recipe
 
-from . import twins
+from . import problems, twins
 
 FRAMES = 12
 STEPS = 8  # of gradients, a grey level
@@ -21,10 +20,7 @@ STEPS = 8  # of gradients, a grey level
 @pytest.fixture(scope="module")
 def wall():
     """Plain panels, each frame with where it was taken."""
-    source = SyntheticSource(make_recipe("notexture_near", frames=FRAMES, seed=2))
-    frames = [source.read(i).frame for i in range(FRAMES)]
-    truth = [source.ground_truth.at(frame.timestamp) for frame in frames]
-    return source.camera, frames, [se3.inverse(truth[0]) @ T for T in truth]
+    return problems.rendered("notexture_near", FRAMES, seed=2)
 
 
 def lit_by(rows, shape=(96, 192), level=120.0, seed=1):

@@ -16,7 +16,6 @@ from edvo.frame import Frame
 from edvo.odometry import Odometry, Status
 from edvo.parting import Parting
 from edvo.planes import camera_of
-from edvo.synthesis.sequence import SyntheticSource, make_recipe
 
 from . import problems, twins
 
@@ -124,10 +123,7 @@ def test_where_more_stays_by_chance_it_has_to_stay_more_often():
 
 def frames_of(scene, count=FRAMES):
     """Frames, and where they are in the camera of the first one."""
-    source = SyntheticSource(make_recipe(scene, frames=count, speed=0.5, seed=1))
-    frames = [source.read(i).frame for i in range(count)]
-    truth = [source.ground_truth.at(frame.timestamp) for frame in frames]
-    return source.camera, frames, [se3.inverse(truth[0]) @ T_world for T_world in truth]
+    return problems.rendered(scene, count, speed=0.5, seed=1)
 
 
 @pytest.fixture(scope="module")

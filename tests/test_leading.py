@@ -9,17 +9,15 @@ from edvo.config import Config
 from edvo.doubt import CHANGED
 from edvo.leading import LEADS
 from edvo.odometry import Odometry, Status
-from edvo.synthesis.sequence import SyntheticSource, make_recipe
+
+from . import problems
 
 JUMP, FRAMES = 8, 16  # the frame from which on it is another light
 OFF = "planes.lead=none"
 
 
-def sequence(scene, frames=FRAMES, seed=3):
-    source = SyntheticSource(make_recipe(scene, frames=frames, seed=seed))
-    shown = [source.read(i).frame for i in range(frames)]
-    truth = [source.ground_truth.at(frame.timestamp) for frame in shown]
-    return source.camera, shown, [se3.inverse(truth[0]) @ T for T in truth]
+def sequence(scene, frames=FRAMES):
+    return problems.rendered(scene, frames, seed=3)
 
 
 @pytest.fixture(scope="module")

@@ -27,7 +27,7 @@ PUT_RIGHT = "put right less than a second ago: till then it went along what hard
 FOUND_FAR = "found again less than a second ago, lost where it would have leapt"
 # Motion alone does not change a view so much in so short a time: light does, or a hand that comes.
 JUST_NOW_S = 0.1
-CALM, ASK_S = 0.25, 0.05  # as long as less of what is allowed moves, depth is asked so often, s
+CALM, ASK_S = 0.25, 0.05  # less than that of max_conflict is none; then depth rests so long, s
 WRONG_M = 0.05  # that poses were off by, to be called wrong
 CHANGED = "less than a second ago the view had changed at once"
 LONG_SURE_S = 3.0  # after so long in doubt a pose that was sure tells nothing

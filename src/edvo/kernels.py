@@ -377,9 +377,11 @@ def one_sided_rows(dv: I16, step_v: int, step_u: int, least: int) -> float:
     for v in range(step_v // 2, dv.shape[0], step_v):
         left = leaning(dv[v], step_u // 2, width // 2, step_u, least)
         right = leaning(dv[v], width // 2, width, step_u, least)
+        left = right if left == 2 else left
+        right = left if right == 2 else right
         rows += 1
-        falls += int(max(left, right) >= 1 and min(left, right) == 1)
-        rises += int(min(left, right) == -1 and (max(left, right) == -1 or max(left, right) == 2))
+        falls += int(left == 1 and right == 1)
+        rises += int(left == -1 and right == -1)
     return min(falls, rises) / max(rows, 1)
 
 
