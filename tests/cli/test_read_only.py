@@ -48,6 +48,7 @@ def edvo(site: Path, *arguments: str) -> "subprocess.CompletedProcess[str]":
     )
 
 
+@pytest.mark.slow  # half a minute of compiling
 def test_run_compiles_without_a_cache(
     read_only: Path, whole_sequence: Path, tmp_path: Path
 ) -> None:
