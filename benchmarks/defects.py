@@ -1,4 +1,4 @@
-"""Images as cameras and recorders spoil them: noise, compression, a black rim, dirt, print.
+"""Images as cameras and recorders spoil them: noise, compression, a black rim, dirt, specks.
 
     python -m benchmarks.defects [--docs]
 
@@ -37,12 +37,14 @@ AS_IT_IS = (
     "edges.black_rim=kept",
     "edges.carried=kept",
     "edges.bands=kept",
+    "edges.strays=kept",
     "planes.lead=none",
 )
 RIM_PX = 25
 MAINS_HZ, READOUT_S, LIT = 100.0, 0.03, 0.35  # of a lamp, and by what share of its light
 SWITCHED_HZ, EXPOSED_S = 120.0, 0.002  # of one that is switched on and off
 JUMPS_HZ, JUMP = 4.0, 0.35  # of a gain: its logarithm (one sigma)
+SPECKS, SPECK_PX, NEAREST_SPECK = 200, 5, 0.1  # at most, to a side; of the right depth, at least
 PRINT = "2026-11-27 12:00 CAM 1"
 
 Grey = NDArray[np.uint8]
@@ -132,6 +134,17 @@ def gain(frame: Frame, _: np.random.Generator) -> Frame:
     return _lit(frame, np.full(len(frame.grey), np.exp(random.normal(0, JUMP))))
 
 
+def specks(frame: Frame, random: np.random.Generator) -> Frame:
+    """Put discs of depth where no surface is, as a stereo camera does that matches wrongly."""
+    depth = frame.depth.copy()
+    height, width = depth.shape
+    for u, v in random.integers((width, height), size=(SPECKS, 2)).tolist():
+        z = float(depth[v, u]) or float(np.median(depth[depth > 0]))
+        radius = int(random.integers(1, SPECK_PX + 1))
+        cv2.circle(depth, (u, v), radius, z * random.uniform(NEAREST_SPECK, 1), -1)
+    return replace(frame, depth=depth)
+
+
 def _instants(frame: Frame) -> NDArray[np.float64]:
     """When each row is read, seconds."""
     rows = len(frame.grey)
@@ -159,6 +172,7 @@ DEFECTS: dict[str, Spoil] = {
     "a lamp on the mains, row by row": bands,
     "a lamp that is switched, row by row": switched,
     "gain that jumps four times a second": gain,
+    f"depth: {SPECKS} specks": specks,
 }
 
 

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edvo import kernels, robust, se3, uncertainty
+from edvo import kernels, robust, se3, strays, uncertainty
 from edvo.camera import Camera
 from edvo.config import EdgesConfig, MatchingConfig, RegistrationConfig
 from edvo.edges import EdgePixels, extract_edges
@@ -839,7 +839,10 @@ def test_steps_that_grow_are_stretched_as_far_as_may_be_and_such_that_turn_back_
 def test_a_step_that_was_rejected_is_not_tried_again(monkeypatch):
     """Damping far below 1 shortens it by nothing that counts."""
     calls, again = [], []
-    warp = kernels.warp_and_match
+    warp, first = kernels.warp_and_match, problems.segments_problem(0, np.eye(4))
+    registration = Registration(first.camera, MatchingConfig(), RegistrationConfig())
+    # what align calls has to be compiled by what is compiled itself
+    registration.align(registration.index(first.reference), first.samples, np.eye(4)[None])
     monkeypatch.setattr(kernels, "warp_and_match", lambda *given: calls.append(1) or warp(*given))
     monkeypatch.setattr(kernels, "align", kernels.align.py_func)
     for seed in range(4):
@@ -986,19 +989,24 @@ def test_surround(rng, shape, step, reach):
         np.testing.assert_array_equal(found, wanted)
 
 
+@pytest.mark.parametrize("around", [strays.NOWHERE, strays.ring(160)], ids=["all", "no strays"])
 @pytest.mark.parametrize(("shape", "every"), [((120, 160), 4), ((7, 9), 3), ((1, 1), 1)])
-def test_place_points(rng, shape, every):
+def test_place_points(rng, shape, every, around):
     kept = (2.0 + rng.exponential(0.1, shape)).astype(np.float32)
+    for row, col in rng.integers(shape, size=(kept.size // 50, 2)):
+        kept[max(row - 1, 0) : row + 2, max(col - 1, 0) : col + 2] = rng.uniform(0.3, 1.5)
     kept[rng.random(shape) < 0.4] = 0
     rays = rng.normal(size=(kept[every // 2 :: every, every // 2 :: every].size, 3))
     points = np.empty_like(rays)
     count, expected = both(
         "place_points",
-        lambda: kernels.place_points(kept, every, rays, points),
-        lambda: twins.place_points(kept, every, rays),
+        lambda: kernels.place_points(kept, every, rays, around, points),
+        lambda: twins.place_points(kept, every, rays, around),
     )
     np.testing.assert_allclose(points[:count], expected, rtol=1e-12)
-    assert min(shape) < 100 or 0.3 < count / len(rays) < 0.6  # some have no depth, some none beside
+    assert min(shape) < 100 or 0.2 < count / len(rays) < 0.6  # some have no depth, some none beside
+    strays_too = len(twins.place_points(kept, every, rays, strays.NOWHERE))
+    assert min(shape) < 100 or (count < 0.95 * strays_too) == (len(around) > 0)
 
 
 @pytest.mark.parametrize("camera", [PLAIN, BENT])

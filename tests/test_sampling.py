@@ -14,7 +14,7 @@ from edvo.sampling import CELLS_A_SAMPLE, sample_edges
 from . import problems
 
 CAMERA = problems.VGA
-EDGES = EdgesConfig(depth_rule="window")
+EDGES = EdgesConfig(depth_rule="window", strays="kept")
 
 
 def edge_image(mask):

@@ -8,7 +8,7 @@ from edvo.config import Config
 from edvo.datasets.readahead import read_ahead
 from edvo.odometry import Odometry, Status
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
-from edvo.witness import AGE_S, MAX_AGE_S, Witness
+from edvo.witness import AGE_S, MAX_AGE_S, Witness, step_px
 
 CAMERA = Camera(640, 480, 535.4, 539.2, 320.1, 247.6)
 BENT = Camera(640, 480, 517.3, 516.5, 318.6, 255.3, (0.2624, -0.9531, -0.0054, 0.0026, 1.1633))
@@ -76,6 +76,23 @@ def test_what_moves_is_found_by_the_area_that_it_fills_or_frees(direction: int) 
     # 0.15 m of the 0.5 m, less the margin at the contour, at both ends
     assert 0.01 < found < 0.08
     assert conflict(b, a, se3.inverse(MOVED)) == pytest.approx(found)
+
+
+def test_a_larger_image_is_looked_at_as_widely() -> None:
+    """A contour that lies 16 px off in one of twice the size contradicts as little."""
+    assert [step_px(width) for width in (320, 640, 960, 1280)] == [4, 4, 6, 8]
+    found = []
+    for times, aside in ((1, 8), (2, 16)):
+        camera = CAMERA.scaled(times)
+        a = room(STILL, camera=camera, box=0.0)
+        surface = Witness(camera, "kinect_v1").surface(a)
+        assert surface.near.shape == (120, 160)
+        found.append(conflict(a, np.roll(a, aside, axis=1), STILL, camera))
+        moved = room(STILL, camera=camera, box=0.2)
+        found.append(conflict(a, moved, STILL, camera))
+    assert found[0] < 0.002
+    assert found[1] > 0.02
+    np.testing.assert_allclose(found[2:], found[:2], atol=0.004)
 
 
 def test_what_comes_into_view_from_behind_is_no_contradiction() -> None:

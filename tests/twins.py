@@ -181,6 +181,28 @@ def fit_edge_depths(pixels, gradients, index, depth, camera, T, radius, gap, sig
     return found
 
 
+def is_stray(depth, u, v, z, ring, gap):
+    """Whether half of a ring, inside the image, has depth at least, and all of it behind z."""
+    height, width = depth.shape
+    col, row = u + ring[:, 0], v + ring[:, 1]
+    inside = (col >= 0) & (col < width) & (row >= 0) & (row < height)
+    there = depth[row[inside], col[inside]]
+    known = there[there > 0].astype(float)
+    return 2 * len(known) >= max(inside.sum(), 1) and (known > (1 + gap) * z).all()
+
+
+def drop_strays(pixels, index, depth, camera, T, ring, gap, given):
+    """Depths of edges, 0 for those that are stray."""
+    found = given.copy()
+    for k, i in enumerate(index):
+        if given[k] > 0:
+            by, dz = shift(camera, np.array(pixels[k], np.float64), float(given[k]), T)
+            u, v = np.floor(np.array([i % depth.shape[1], i // depth.shape[1]]) + by + 0.5)
+            if is_stray(depth, int(u), int(v), given[k] + dz, ring, gap):
+                found[k] = 0
+    return found
+
+
 def depths_at(depth, index, radius, gap):
     width = depth.shape[1]
     return np.array([depth_at(depth, int(i) % width, int(i) // width, radius, gap) for i in index])
@@ -652,7 +674,7 @@ def surround(depth, step, reach):
     return kept, np.where(known, near, 0), np.where(known, far, 0)
 
 
-def place_points(kept, every, rays):
+def place_points(kept, every, rays, ring):
     kept = kept.astype(float)
     around = np.pad(kept, 1, mode="edge")
     shares = [
@@ -660,6 +682,8 @@ def place_points(kept, every, rays):
         for side in (around[1:-1, :-2], around[1:-1, 2:], around[:-2, 1:-1], around[2:, 1:-1])
     ]
     taken = (kept > 0) & (shares[0] | shares[1]) & (shares[2] | shares[3])
+    for row, col in zip(*np.nonzero(taken), strict=True):
+        taken[row, col] = not is_stray(kept, col, row, kept[row, col], ring, kernels.SHARED_DEPTH)
     taken, z = (image[every // 2 :: every, every // 2 :: every].ravel() for image in (taken, kept))
     return rays[taken] * z[taken, None]
 

@@ -165,6 +165,13 @@ class EdgesConfig(Section):
         description="relative depth step that separates two surfaces; the near one owns the edge",
     )
 
+    strays: Literal["left-out", "kept"] = Field(
+        default="left-out",
+        description="depth that all pixels lie behind on a ring round it, a thirty-second of the "
+        "image's width away, and that of the few edges that are far nearer than the rest: specks. "
+        "No edge is drawn there, and nothing for max_conflict. Not in the paper",
+    )
+
     @field_validator("blur_px", "depth_window_px")
     @classmethod
     def _odd(cls, value: int) -> int:
@@ -825,6 +832,7 @@ PRESETS: dict[str, dict[str, Any]] = {
             "black_rim": "kept",
             "bands": "kept",
             "carried": "kept",
+            "strays": "kept",
             "depth_rule": "window",
         },
         "planes": {

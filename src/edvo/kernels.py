@@ -2217,6 +2217,59 @@ def fit_edge_depths(
 
 
 @lean
+def is_stray(depth: F32, u: int, v: int, z: float, ring: I32, gap: float) -> bool:
+    """Whether depth z (m) at a pixel is a speck's: all round it lies behind.
+
+    ``ring`` (N, 2) are steps to the pixels that are asked, ``gap`` the relative step between two
+    surfaces. Where less than half of those inside the image have a depth, none says so. What is
+    seen through a gap between nearer things is none: too far, it would do no harm.
+    """
+    height, width = depth.shape
+    inside, seen, behind = 0, 0, (1 + gap) * z
+    for i in range(ring.shape[0]):
+        col, row = u + ring[i, 0], v + ring[i, 1]
+        if 0 <= col < width and 0 <= row < height:
+            inside += 1
+            there = depth[row, col]
+            if there > 0:
+                if there <= behind:
+                    return False
+                seen += 1
+    return 2 * seen >= max(inside, 1)
+
+
+@compiled
+def drop_strays(
+    pixels: F32,
+    index: I32,
+    depth: F32,
+    table: F32,
+    camera: Pinhole,
+    T_depth_cam: F64,
+    ring: I32,
+    gap: float,
+    depths: F32,
+) -> None:
+    """Write 0 for the depths (m) of edges that are stray, each looked up where it was taken from.
+
+    Parameters are those of `fit_edge_depths` and `is_stray`.
+    """
+    width = depth.shape[1]
+    per_width = 1 / width
+    for i in range(depths.size):
+        z = np.float64(depths[i])
+        if z <= 0:
+            continue
+        v0, u0 = row_and_column(np.int64(index[i]), per_width, width)
+        du, dv, dz = shift_pixel(
+            np.float64(pixels[i, 0]), np.float64(pixels[i, 1]), z, camera, T_depth_cam
+        )
+        col, row = int(np.floor(u0 + du + 0.5)), int(np.floor(v0 + dv + 0.5))
+        if is_stray(depth, col, row, z + dz, ring, gap):
+            depths[i] = np.float32(0)
+
+
+@lean
 def rough_depth(
     depth: F32, u: int, v: int, radius: int, gap: float, roughly: bool, window: F32
 ) -> np.float32:
@@ -5044,11 +5097,11 @@ def surround(depth: F32, step: int, reach: int, kept: F32, near: F32, far: F32) 
 
 
 @compiled
-def place_points(kept: F32, every: int, rays: F64, points: F64) -> int:
+def place_points(kept: F32, every: int, rays: F64, ring: I32, points: F64) -> int:
     """Write the points at every so manyth depth, given their rays; returns how many.
 
     A depth that neither of its neighbours along the row, or along the column, shares is left out:
-    at contours sensors see what is not there.
+    at contours sensors see what is not there. So is a stray one, see `is_stray`.
     """
     count, i = 0, 0
     rows, cols = kept.shape
@@ -5057,7 +5110,8 @@ def place_points(kept: F32, every: int, rays: F64, points: F64) -> int:
             z = np.float64(kept[r, c])
             across = abs(kept[r, max(c - 1, 0)] - z), abs(kept[r, min(c + 1, cols - 1)] - z)
             down = abs(kept[max(r - 1, 0), c] - z), abs(kept[min(r + 1, rows - 1), c] - z)
-            if z > 0 and min(across) < SHARED_DEPTH * z and min(down) < SHARED_DEPTH * z:
+            is_shared = min(across) < SHARED_DEPTH * z and min(down) < SHARED_DEPTH * z
+            if z > 0 and is_shared and not is_stray(kept, c, r, z, ring, SHARED_DEPTH):
                 points[count, 0] = rays[i, 0] * z
                 points[count, 1] = rays[i, 1] * z
                 points[count, 2] = rays[i, 2] * z

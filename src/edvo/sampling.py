@@ -11,6 +11,7 @@ from edvo.config import EdgesConfig, SamplingConfig
 from edvo.edges import NO_TABLE, EdgeImage, EdgePixels
 from edvo.planes import camera_of
 from edvo.sensor import DEPTH_NOISE, DepthNoise
+from edvo.strays import drop_strays
 
 AT_ONCE = np.eye(4)
 CELLS_A_SAMPLE = 4  # where edges are chosen by what they tell: most cells of an image have none
@@ -37,7 +38,7 @@ def sample_edges(
     Depth is looked up only for the edges that are drawn (see ``edges.depth_at_edges``); one
     without depth is passed over and another drawn. By the rule ``sides`` one that has a depth at
     its pixel is drawn by that; where nothing around agrees with it, it is left out, and no other
-    drawn for it.
+    drawn for it. So is one whose depth is stray then, see `edvo.strays`.
 
     Parameters
     ----------
@@ -98,34 +99,35 @@ def sample_edges(
     table = camera.undistortion_table() if camera.is_distorted else NO_TABLE
     T_depth_cam = AT_ONCE if T_cam_depth is None else se3.inverse(T_cam_depth)
     delayed = T_cam_depth is not None
-    if not by_sides:
-        if delayed:
-            kernels.delayed_depths(
-                edges.index,
-                which,
-                depth,
-                table,
-                camera_of(camera),
-                T_depth_cam,
-                radius,
-                gap,
-                depths,
-            )
-        return edges.describe(camera, which, depths)
-    described = edges.describe(camera, which, depths)
-    kernels.fit_edge_depths(
-        described.pixels,
-        described.gradients,
-        edges.index.take(which),
-        depth,
-        table,
-        camera_of(camera),
-        T_depth_cam,
-        delayed,
-        radius,
-        gap,
-        noise.sigma_z(depths),
-        depths,
-    )
+    described, raw = edges.describe(camera, which, depths), edges.index.take(which)
+    if by_sides:
+        kernels.fit_edge_depths(
+            described.pixels,
+            described.gradients,
+            raw,
+            depth,
+            table,
+            camera_of(camera),
+            T_depth_cam,
+            delayed,
+            radius,
+            gap,
+            noise.sigma_z(depths),
+            depths,
+        )
+    elif delayed:
+        kernels.delayed_depths(
+            edges.index,
+            which,
+            depth,
+            table,
+            camera_of(camera),
+            T_depth_cam,
+            radius,
+            gap,
+            depths,
+        )
+    if edges_config.strays == "left-out":
+        drop_strays(described.pixels, raw, depth, camera, table, T_depth_cam, gap, depths)
     agreed = depths > 0
     return described if agreed.all() else described.where(agreed)

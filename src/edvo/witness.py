@@ -17,13 +17,20 @@ from edvo import kernels, se3
 from edvo.camera import Camera
 from edvo.planes import camera_of
 from edvo.sensor import DEPTH_NOISE
+from edvo.strays import NOWHERE
 
 STEP_PX, POINTS_EVERY = 4, 4  # a depth is kept at every such pixel; a point at every such depth
+USUAL_WIDTH = 640  # in wider ones they are as many
 WINDOW = 7  # depths to a side: what lies so near a contour may be shifted, with colour out of step
 SLACK_M, SLACK_SIGMA = 0.02, 6.0  # by which a point must be in front: for the pose, and for noise
 MIN_POINTS = 50  # fewer say nothing
 AGE_S, MAX_AGE_S = 0.15, 1.0  # of the depth image that is asked: what moves slowly needs time
 LEAST_TIME = 0.5  # of that age: what is seen of motion in less is mostly noise
+
+
+def step_px(width: int) -> int:
+    """Say how far apart the depths are that are kept of an image so many pixels wide."""
+    return max(STEP_PX, round(STEP_PX * width / USUAL_WIDTH))
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,13 +60,16 @@ class Witness:
         Of the depth images.
     sensor : str
         Key of ``DEPTH_NOISE``.
+    ring : ndarray of int32, shape (N, 2), optional
+        Of every so manyth pixel, see `strays.ring`; stray depth is kept where it is empty.
     """
 
-    def __init__(self, camera: Camera, sensor: str) -> None:
+    def __init__(self, camera: Camera, sensor: str, ring: NDArray[np.int32] = NOWHERE) -> None:
         self._pinhole, self._lens = camera_of(camera), kernels.Lens(*camera.distortion)
-        self._noise = DEPTH_NOISE[sensor]
-        first = STEP_PX // 2
-        v, u = np.mgrid[first : camera.height : STEP_PX, first : camera.width : STEP_PX]
+        self._noise, self._ring = DEPTH_NOISE[sensor], ring
+        self._step = step = step_px(camera.width)
+        first = step // 2
+        v, u = np.mgrid[first : camera.height : step, first : camera.width : step]
         ends = slice(POINTS_EVERY // 2, None, POINTS_EVERY)
         raw = np.stack([u[ends, ends].ravel(), v[ends, ends].ravel()], axis=1).astype(np.float64)
         ideal = camera.undistort(raw) if camera.is_distorted else raw
@@ -92,9 +102,9 @@ class Witness:
         Surface
         """
         kept, near, far = np.empty((3, self._rows, self._cols), np.float32)
-        kernels.surround(depth, STEP_PX, WINDOW // 2, kept, near, far)
+        kernels.surround(depth, self._step, WINDOW // 2, kept, near, far)
         points = np.empty_like(self._rays)
-        count = kernels.place_points(kept, POINTS_EVERY, self._rays, points)
+        count = kernels.place_points(kept, POINTS_EVERY, self._rays, self._ring, points)
         return Surface(points[:count], near, far)
 
     def conflict(self, a: Surface, b: Surface, T_a_b: NDArray[np.float64]) -> float:
@@ -169,7 +179,7 @@ class Witness:
         rows, cols = surface.near.shape
         z, cell = np.empty(len(points)), np.empty(len(points), np.int32)
         count = kernels.warp_to_cells(
-            points, T, self._pinhole, self._lens, STEP_PX, rows, cols, z, cell
+            points, T, self._pinhole, self._lens, self._step, rows, cols, z, cell
         )
         z = z[:count]
         slack = SLACK_M + SLACK_SIGMA * self._noise.sigma_z(z)

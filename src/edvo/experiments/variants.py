@@ -73,6 +73,8 @@ VARIANTS = (
     Variant("depth: the pixel's own", ("edges.depth_rule=window", "edges.depth_window_px=1")),
     Variant("depth: 3 x 3 window", ("edges.depth_rule=window", "edges.depth_window_px=3")),
     Variant("depth: 7 x 7 window", ("edges.depth_rule=window", "edges.depth_window_px=7")),
+    Variant("depth: specks kept", ("edges.strays=kept",)),
+    Variant("depth: specks left out", ("edges.strays=left-out",)),
     Variant("samples: 250", ("sampling.count=250", "sampling.max_growth=1")),
     Variant("samples: 450", ("sampling.count=450", "sampling.max_growth=1")),
     Variant("samples: 1000", ("sampling.count=1000", "sampling.max_growth=1")),
