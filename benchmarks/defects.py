@@ -136,13 +136,18 @@ def gain(frame: Frame, _: np.random.Generator) -> Frame:
 
 def specks(frame: Frame, random: np.random.Generator) -> Frame:
     """Put discs of depth where no surface is, as a stereo camera does that matches wrongly."""
-    depth = frame.depth.copy()
+    return replace(frame, depth=speckled(frame.depth, random))
+
+
+def speckled(depth: NDArray[np.float32], random: np.random.Generator) -> NDArray[np.float32]:
+    """Put these discs into a depth image, metres."""
+    depth = depth.copy()
     height, width = depth.shape
     for u, v in random.integers((width, height), size=(SPECKS, 2)).tolist():
         z = float(depth[v, u]) or float(np.median(depth[depth > 0]))
         radius = int(random.integers(1, SPECK_PX + 1))
         cv2.circle(depth, (u, v), radius, z * random.uniform(NEAREST_SPECK, 1), -1)
-    return replace(frame, depth=depth)
+    return depth
 
 
 def _instants(frame: Frame) -> NDArray[np.float64]:

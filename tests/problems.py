@@ -6,10 +6,12 @@ from functools import cache
 import cv2
 import numpy as np
 
-from edvo import se3
+from edvo import kernels, se3
 from edvo.camera import Camera
+from edvo.config import Config
 from edvo.edges import EdgePixels
 from edvo.frame import Frame
+from edvo.report.warmup import warm_up
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
 
 CAMERA = Camera(width=320, height=240, fx=262.5, fy=262.5, cx=159.5, cy=119.5)
@@ -255,3 +257,21 @@ def rendered(scene, count, **how):
     frames = [source.read(i).frame for i in range(count)]
     truth = [source.ground_truth.at(frame.timestamp) for frame in frames]
     return source.camera, frames, [se3.inverse(truth[0]) @ T_world for T_world in truth]
+
+
+def compiled_by_warm_up(monkeypatch, name):
+    """A kernel, warmed up by images that may be written to and by such that may not.
+
+    To numba they are of two types: images of frames are of the one, those blurred for their noise
+    of the other.
+    """
+    kernel, may_be_written_to = getattr(kernels, name), set()
+
+    def spy(grey, *others):
+        may_be_written_to.add(grey.flags.writeable)
+        kernel(grey, *others)
+
+    monkeypatch.setattr(kernels, name, spy)
+    warm_up(Config())
+    assert may_be_written_to == {True, False}
+    return kernel

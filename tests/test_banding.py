@@ -9,7 +9,6 @@ from edvo.banding import MATTERS, Bands
 from edvo.config import Config
 from edvo.edges import EdgeBuffers, extract_edges, slopes
 from edvo.odometry import Odometry, Status
-from edvo.report.warmup import warm_up
 
 from . import problems, twins
 
@@ -189,16 +188,7 @@ def test_a_plain_wall_is_followed_in_banded_light(wall, rule):
 
 
 def test_nothing_is_left_to_be_compiled_when_a_lamp_flickers(monkeypatch, wall):
-    """An image that may be written to, as one blurred for its noise, is another type to numba."""
-    kernel, may_be_written_to = kernels.take_off_slopes, set()
-
-    def spy(grey, *others):
-        may_be_written_to.add(grey.flags.writeable)
-        kernel(grey, *others)
-
-    monkeypatch.setattr(kernels, "take_off_slopes", spy)
-    warm_up(Config())
-    assert may_be_written_to == {True, False}
+    kernel = problems.compiled_by_warm_up(monkeypatch, "take_off_slopes")
     before = [len(each.signatures) for each in (kernel, kernels.row_slopes)]
     frame = bands(wall[1][0], np.random.default_rng(0))
     for image in (frame.grey, frame.grey.copy()):

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from edvo import kernels, se3
+from edvo import se3
 from edvo.camera import Camera
 from edvo.config import Config, EdgesConfig
 from edvo.edges import extract_edges
@@ -14,7 +14,6 @@ from edvo.exposure import sharp_variance
 from edvo.frame import Frame
 from edvo.front_end import FEW
 from edvo.odometry import Odometry, Status
-from edvo.report.warmup import warm_up
 from edvo.smear import ENOUGH, Smear, edge_variance
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
 
@@ -154,16 +153,7 @@ def test_a_blur_of_another_size_is_taken_off(blur_px):
 
 
 def test_nothing_is_left_to_be_compiled_when_images_are_smeared(monkeypatch):
-    """An image that may be written to, as one blurred for its noise, is another type to numba."""
-    kernel, may_be_written_to = kernels.widely_blurred_gradients, set()
-
-    def spy(grey, *others):
-        may_be_written_to.add(grey.flags.writeable)
-        kernel(grey, *others)
-
-    monkeypatch.setattr(kernels, "widely_blurred_gradients", spy)
-    warm_up(Config())
-    assert may_be_written_to == {True, False}
+    kernel = problems.compiled_by_warm_up(monkeypatch, "widely_blurred_gradients")
     before = len(kernel.signatures)
     grey = bars(1.0)
     for image in (grey, Frame(0.0, grey, np.ones(grey.shape, np.float32)).grey):

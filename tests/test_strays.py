@@ -5,6 +5,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from benchmarks.defects import speckled
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -37,15 +38,8 @@ def disc(radius, z=1.0, at=(320, 240)):
     return cv2.circle(WALL.copy(), at, radius, z, -1)
 
 
-def with_specks(depth, seed, count=200, most_px=5):
-    """Discs of a wrong depth, a tenth of the right one at the least."""
-    rng, depth = np.random.default_rng(seed), depth.copy()
-    rows, cols = depth.shape
-    for u, v in rng.integers((cols, rows), size=(count, 2)).tolist():
-        z = float(depth[v, u]) or 2.0
-        radius, wrong = int(rng.integers(1, most_px + 1)), max(z * rng.uniform(0.1, 1), 0.1)
-        cv2.circle(depth, (u, v), radius, wrong, -1)
-    return depth
+def with_specks(depth, seed):
+    return speckled(depth, np.random.default_rng(seed))
 
 
 def test_a_ring_has_the_size_of_what_a_speck_may_have():
@@ -119,17 +113,14 @@ def test_what_is_dropped_is_that_of_the_twin(camera, moved):
 
 
 @given(
-    st.lists(st.floats(1, 10), min_size=50, max_size=300),
-    st.lists(st.floats(0.1, 1), max_size=10),
+    st.lists(st.floats(4, 10), min_size=150, max_size=300),
+    st.lists(st.floats(0.5, 1), max_size=6),
     st.integers(0, 20),
 )
-def test_what_is_far_nearer_is_little_and_far_from_most(far, near, missing):
+def test_what_is_far_nearer_is_told_as_long_as_it_is_a_fiftieth(far, near, missing):
     depths = np.array([*far, *near, *[0.0] * missing], np.float32)
-    told, known = far_nearer(depths), depths > 0
-    assert told.sum() <= 0.02 * known.sum()
-    assert not told[~known].any()
-    nearer = (3 * depths[known, None] < depths[None, known]).sum(axis=1)
-    assert (nearer[told[known]] >= 0.98 * known.sum() - 1).all()
+    few = len(near) <= int(0.02 * (len(far) + len(near)))
+    np.testing.assert_array_equal(far_nearer(depths), (depths > 0) & (depths <= 1) & few)
 
 
 def test_five_of_a_thousand_edges_are_far_nearer():
@@ -193,12 +184,12 @@ def test_specks_are_nothing_that_moves():
     T = se3.exp(np.array([0.01, 0.0, 0.0, 0.0, 0.0, 0.0]))
     a, b = with_specks(WALL, 6), with_specks(WALL, 7)
     conflicts = []
-    for around in (NOWHERE, ring(160)):
-        witness = Witness(WIDE, "kinect_v1", around)
+    for keeps_strays in (True, False):
+        witness = Witness(WIDE, "kinect_v1", keeps_strays=keeps_strays)
         conflicts.append(witness.conflict(witness.surface(a), witness.surface(b), T))
     assert conflicts[0] > 0.01
     assert conflicts[1] < 0.2 * conflicts[0]
-    # a box half a metre wide is, nor is it held to be one for all else being level
+    # a box half a metre wide is
     tilted = WALL * (1 + np.linspace(0, 0.2, 640, dtype=np.float32))
     box = tilted.copy()
     box[150:350, 200:350] = 2.0
@@ -207,16 +198,16 @@ def test_specks_are_nothing_that_moves():
 
 
 @pytest.fixture(scope="module")
-def speckled():
+def stairs():
     camera, frames, truth = problems.rendered("stairs", 12, seed=3)
     frames = [
-        replace(frame, depth=with_specks(frame.depth, k, 400)) for k, frame in enumerate(frames)
+        replace(frame, depth=with_specks(frame.depth, 100 + k)) for k, frame in enumerate(frames)
     ]
     return camera, frames, truth
 
 
-def test_a_camera_is_followed_through_specks(speckled):
-    camera, frames, truth = speckled
+def test_a_camera_is_followed_through_specks(stairs):
+    camera, frames, truth = stairs
     worst, statuses = {}, {}
     for how in ((), (OFF,)):
         odometry = Odometry(camera, Config().with_overrides(how))

@@ -164,7 +164,6 @@ class EdgesConfig(Section):
         default=0.05,
         description="relative depth step that separates two surfaces; the near one owns the edge",
     )
-
     strays: Literal["left-out", "kept"] = Field(
         default="left-out",
         description="depth that all pixels lie behind on a ring round it, a thirty-second of the "

@@ -17,8 +17,7 @@ from edvo.kit import Kit
 from edvo.registration import Alignment
 from edvo.seen import Seen
 from edvo.status import Status
-from edvo.strays import NOWHERE, ring
-from edvo.witness import Surface, Witness, step_px
+from edvo.witness import Surface, Witness
 
 DOUBTFUL_S = 1.0  # after what raises doubt, a pose is no better than the way that led to it
 MOVED, ASTRAY = "something moved less than a second ago", "found again, lost from a doubtful pose"
@@ -57,9 +56,8 @@ class Doubt:
     def __init__(self, kit: Kit, course: Course) -> None:
         self._limits, self._judge, self._clock = kit.config.status, kit.judge, kit.clock
         self._course = course
-        is_clean = kit.config.edges.strays == "left-out"
-        specks = ring(kit.camera.width // step_px(kit.camera.width)) if is_clean else NOWHERE
-        self._witness = Witness(kit.camera, kit.config.planes.sensor, specks)
+        keeps_strays = kit.config.edges.strays == "kept"
+        self._witness = Witness(kit.camera, kit.config.planes.sensor, keeps_strays=keeps_strays)
         self._time, self.reason = -math.inf, MOVED
         # When a keyframe was made of a pose that may be off, or the camera found elsewhere.
         self._loose_time, self.way_reason = -math.inf, WAS_LOOSE

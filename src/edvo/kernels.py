@@ -5101,7 +5101,8 @@ def place_points(kept: F32, every: int, rays: F64, ring: I32, points: F64) -> in
     """Write the points at every so manyth depth, given their rays; returns how many.
 
     A depth that neither of its neighbours along the row, or along the column, shares is left out:
-    at contours sensors see what is not there. So is a stray one, see `is_stray`.
+    at contours sensors see what is not there. So is a stray one, by the ``ring`` of `is_stray`, of
+    depths in ``kept``, and the same share between two surfaces.
     """
     count, i = 0, 0
     rows, cols = kept.shape

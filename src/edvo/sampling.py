@@ -38,7 +38,7 @@ def sample_edges(
     Depth is looked up only for the edges that are drawn (see ``edges.depth_at_edges``); one
     without depth is passed over and another drawn. By the rule ``sides`` one that has a depth at
     its pixel is drawn by that; where nothing around agrees with it, it is left out, and no other
-    drawn for it. So is one whose depth is stray then, see `edvo.strays`.
+    drawn for it. So is, by ``edges.strays``, one whose depth is a speck's: see `edvo.strays`.
 
     Parameters
     ----------

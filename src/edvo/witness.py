@@ -17,7 +17,7 @@ from edvo import kernels, se3
 from edvo.camera import Camera
 from edvo.planes import camera_of
 from edvo.sensor import DEPTH_NOISE
-from edvo.strays import NOWHERE
+from edvo.strays import NOWHERE, ring
 
 STEP_PX, POINTS_EVERY = 4, 4  # a depth is kept at every such pixel; a point at every such depth
 USUAL_WIDTH = 640  # in wider ones they are as many
@@ -60,13 +60,13 @@ class Witness:
         Of the depth images.
     sensor : str
         Key of ``DEPTH_NOISE``.
-    ring : ndarray of int32, shape (N, 2), optional
-        Of every so manyth pixel, see `strays.ring`; stray depth is kept where it is empty.
+    keeps_strays : bool, optional
+        Whether points of stray depth, see `edvo.strays`, are asked like any others.
     """
 
-    def __init__(self, camera: Camera, sensor: str, ring: NDArray[np.int32] = NOWHERE) -> None:
+    def __init__(self, camera: Camera, sensor: str, *, keeps_strays: bool = False) -> None:
         self._pinhole, self._lens = camera_of(camera), kernels.Lens(*camera.distortion)
-        self._noise, self._ring = DEPTH_NOISE[sensor], ring
+        self._noise = DEPTH_NOISE[sensor]
         self._step = step = step_px(camera.width)
         first = step // 2
         v, u = np.mgrid[first : camera.height : step, first : camera.width : step]
@@ -76,6 +76,7 @@ class Witness:
         ray = (ideal - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
         self._rays = np.column_stack([ray, np.ones(len(ray))])
         self._rows, self._cols = u.shape
+        self._ring = NOWHERE if keeps_strays else ring(self._cols)
         self._seen: deque[tuple[float, NDArray[np.float64], Surface]] = deque()
 
     def forget(self, since: float = -np.inf) -> None:
