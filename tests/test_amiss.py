@@ -293,7 +293,7 @@ def test_from_a_pose_that_slid_along_the_slats_it_leaps_back(
     odometry = Odometry(source.camera)
     results = slide(odometry, frames[:3], slid)
     learned: list[float] = []
-    monkeypatch.setattr(odometry._instants, "note", lambda *given: learned.append(given[-1]))
+    monkeypatch.setattr(odometry._instants, "note", lambda *given, **_: learned.append(given[-1]))
     results.append(odometry.track(frames[3]))
     reason = PUT_RIGHT if abs(slid) > 0.04 else ""
     assert results[-1].reason == reason

@@ -13,9 +13,11 @@ from edvo.carried import LEAST_HITS, Carried, _more_than_chance
 from edvo.config import Config
 from edvo.edges import NO_TABLE, EdgeBuffers, extract_edges
 from edvo.frame import Frame
+from edvo.locating import Aligned
 from edvo.odometry import Odometry, Status
 from edvo.parting import Parting
 from edvo.planes import camera_of
+from edvo.registrar import Registrar
 
 from . import problems, twins
 
@@ -84,9 +86,9 @@ def test_counts_are_those_of_the_twin(seed):
     rng = np.random.default_rng(seed)
     index, du, dv, depth, pixels, gradients = edges_at(rng, 1500)
     marks, known = marked(index, du, dv), twins.mark_edges(pixels, gradients, (120, 160))
-    times, counts = np.zeros((3, 120, 160), np.int32), np.zeros((3, 120, 160), np.uint8)
+    room, counts = np.full((120, 160), 255, np.uint8), np.zeros((3, 120, 160), np.uint8)
     expected = np.zeros((3, 120, 160), int)
-    for time in (1, 2, 3):  # other edges each time, before the same marks
+    for _ in range(3):  # other edges each time, before the same marks
         index, du, dv, depth, pixels, gradients = edges_at(rng, 1500)
         found = kernels.count_stays(
             index,
@@ -98,8 +100,7 @@ def test_counts_are_those_of_the_twin(seed):
             T,
             marks,
             4.0,
-            np.int32(time),
-            times,
+            room,
             counts,
             2,
         )
@@ -172,6 +173,20 @@ def test_past_scratches_the_scene_is_seen():
     assert off[-1] > 0.05
 
 
+def test_where_depth_does_not_tell_what_moves_no_frame_is_sure():
+    """Along a cabinet scratches and the rest lead elsewhere, and depth fits both ways."""
+    sequence = problems.rendered("cabinet", 90, speed=0.5, seed=2)
+    count = iter(range(90))
+
+    def wiped(frame):
+        return scratched(frame) if next(count) < 20 else (frame, np.zeros(1, bool))
+
+    off, tracked, _, _ = followed(sequence, wiped)
+    assert off[6:20].min() > 0.1
+    assert not tracked[2:20].any()
+    assert tracked[-15:].all()  # a second after the lens was wiped
+
+
 def test_print_is_seen_past(panels):
     """It is little of what is seen, and found by poses that are right."""
     off, tracked, own, shown = followed(panels, printed)
@@ -212,6 +227,72 @@ def test_a_camera_that_stands_still_sees_all_of_what_does_so(panels, monkeypatch
     assert tried
     assert not any(tried)
     assert odometry._front_end.carried.shown is None
+
+
+def test_a_frame_that_is_not_parted_is_not_registered_again(panels, monkeypatch):
+    register, tried = Registrar.register, []
+
+    def watched(self, seen, starts, term, *given, **options):
+        tried.append((seen, starts.tobytes(), given, str(options)))
+        return register(self, seen, starts, term, *given, **options)
+
+    monkeypatch.setattr(Registrar, "register", watched)
+    camera, frames, _ = panels
+    odometry, parted, results = Odometry(camera), [], []
+    align = odometry._locator.align
+
+    def aligned(seen):
+        parted.append(align(seen))
+        return parted[-1]
+
+    monkeypatch.setattr(odometry._locator, "align", aligned)
+    for frame in frames:
+        results.append(odometry.track(printed(frame)[0]))
+    assert parted
+    assert any(result.alignment is found for result in results for found in parted)
+    for i, (seen, *how) in enumerate(tried):
+        assert not any(seen is other and how == same for other, *same in tried[:i])
+
+
+def test_what_was_registered_otherwise_does_not_serve(panels):
+    camera, (first, second, *_), _ = panels
+    odometry = Odometry(camera)
+    odometry.track(first)
+    odometry.track(second)
+    locator, key = odometry._locator, odometry._course.key
+    seen, found, starts = object(), object(), np.eye(4)[None]
+    for other in (
+        Aligned(object(), key, starts, found),
+        Aligned(seen, object(), starts, found),
+        Aligned(seen, key, starts + 1e-9, found),
+        Aligned(seen, key, np.array([np.eye(4), np.eye(4)]), found),
+    ):
+        locator._aligned = other
+        assert locator._known(seen, starts) is None
+    locator._aligned = Aligned(seen, key, starts.copy(), found)
+    assert locator._known(seen, starts) is found
+    assert locator._known(seen, starts) is None  # it is asked for once
+
+
+def test_one_look_is_what_a_frame_has_time_for(panels, monkeypatch):
+    """A reference that is old gives way to the frame after the one that was counted."""
+    when = {"_count": [], "_refer": []}
+    for name, at in when.items():
+        done = getattr(Carried, name)
+
+        def noted(*given, done=done, at=at, **options):
+            at.append(len(results))
+            return done(*given, **options)
+
+        monkeypatch.setattr(Carried, name, noted)
+    camera, frames, _ = panels
+    odometry, results = Odometry(camera), []
+    for frame in frames:
+        results.append(odometry.track(frame))
+    assert when["_refer"][0] == 1
+    assert len(when["_refer"]) > 1
+    assert len(when["_count"]) > 1
+    assert not set(when["_refer"]) & set(when["_count"])
 
 
 def test_no_edge_is_made_by_leaving_some_out(panels):

@@ -324,11 +324,11 @@ def tried(problem, monkeypatch):
     instants._trial = trial
     problem.hold(VELOCITY)
 
-    def note(sigma_s, keyframe=problem.keyframe):
+    def note(sigma_s, keyframe=problem.keyframe, **how):
         moment = SimpleNamespace(keyframe=keyframe)
         certainty = sigma_s**-2
         monkeypatch.setattr(instants.rolling, "learn", lambda *given: certainty)
-        instants._learn_readout(moment)
+        instants._learn_readout(moment, **how)
         return len(trial.given), trial.left
 
     return instants, trial, note
@@ -351,7 +351,10 @@ def test_readouts_are_tried_on_frames_that_tell(tried):
 
 def test_at_once_where_much_is_at_stake_and_nothing_known(tried):
     instants, _, note = tried
+    assert note(0.9 * HASTY_S, has_time=False) == (0, 0)  # in the next frame, then
+    assert not instants.is_trying
     assert note(0.9 * HASTY_S) == (1, 0)
+    assert instants.is_trying
     assert instants.rolling.seconds > 0
     assert instants.rolling.estimate.is_known(KNOWN_S)
     assert note(0.9 * HASTY_S) == (2, 3)

@@ -229,7 +229,7 @@ def test_draw_informative_comes_to_an_end_whatever_depth_is(z):
     du, dv = np.full((2, 48, 64), 90, np.int16)
     alike = np.ones((1, 1, kernels.LINE_DIRECTIONS), np.float32)
     camera = camera_of(Camera(64, 48, 50.0, 50.0, 31.5, 23.5))
-    samples, depths = np.empty(300, np.int32), np.empty(300, np.float32)
+    samples, depths = np.empty(301, np.int32), np.empty(301, np.float32)
     how = alike, 8, 3, 300, 1, 0.05, True, 0, samples, depths
     drawn = kernels.draw_informative(index, du, dv, depth, camera, *how)
     assert drawn == 300
@@ -238,7 +238,7 @@ def test_draw_informative_comes_to_an_end_whatever_depth_is(z):
 
 def test_draw_samples_of_no_edges():
     none, depth = np.empty(0, np.int32), np.ones((48, 64), np.float32)
-    buffers = np.empty(5, np.int32), np.empty(5, np.float32)
+    buffers = np.empty(6, np.int32), np.empty(6, np.float32)
     assert kernels.draw_samples(none, depth, 16, 5, 5, 2, 0.05, False, 0, *buffers) == 0
 
 
@@ -1133,6 +1133,17 @@ def test_judge_matches(rng):
     np.testing.assert_array_equal(matched, expected[3])
 
 
+@settings(deadline=None)
+@given(st.lists(st.floats(width=32, allow_nan=False), min_size=1, max_size=40), st.data())
+def test_smallest_and_median_are_what_sorting_gives(values, data):
+    values = np.array(values, np.float32)
+    k = data.draw(st.integers(0, len(values) - 1))
+    ordered = np.sort(values)
+    assert kernels.smallest(values, k) == ordered[k]
+    middle = ordered[[(len(values) - 1) // 2, len(values) // 2]].astype(np.float64)
+    np.testing.assert_array_equal(kernels.median(values), middle.mean())
+
+
 def test_kernels_that_count_no_references_keep_to_the_rules():
     """They make no array, return none, and call only their like: else memory is lost or freed."""
     tree = ast.parse(inspect.getsource(kernels))
@@ -1151,5 +1162,8 @@ def test_kernels_that_count_no_references_keep_to_the_rules():
             if isinstance(call, ast.Call):
                 called = ast.unparse(call.func)
                 assert called in lean or called not in functions, (name, called)
+                of = call.func.value if isinstance(call.func, ast.Attribute) else None
+                if isinstance(of, ast.Call) and call.func.attr == "view":  # the bits of a number
+                    called = ast.unparse(of.func)
                 if called.startswith("np."):
                     assert called in SCALAR, (name, called)

@@ -3,6 +3,7 @@ import logging
 import threading
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -350,19 +351,24 @@ def test_planes_wait_where_an_earlier_keyframe_was_asked(room, monkeypatch):
     np.testing.assert_array_equal(*found)
 
 
-def test_what_takes_long_goes_on_in_frames_that_make_no_keyframe(room, monkeypatch):
+@pytest.mark.parametrize(("busy", "then"), [((), [2, 5, 8]), ((5,), [2, 8])])
+def test_what_takes_long_goes_on_in_frames_that_have_time(room, monkeypatch, busy, then):
+    """Those that make no keyframe, nor were to be parted."""
     frames, _ = room
     odometry, when = gaps(), []
     monkeypatch.setattr(odometry._instants, "go_on", lambda: when.append(len(results)))
+    parting = SimpleNamespace(apart=lambda seen: None, is_trying=False)
+    monkeypatch.setattr(odometry, "_parting", parting)
     results = []
     for frame in frames[:9]:
+        parting.is_trying = len(results) in busy
         results.append(odometry.track(frame))
     assert [result.is_keyframe for result in results] == [
         True,
         *[False, False, True] * 2,
         *[False] * 2,
     ]
-    assert when == [2, 5, 8]  # nor in that which finishes one
+    assert when == then  # nor in that which finishes one
 
 
 def test_what_is_held_of_the_first_keyframe_is_a_copy(room):

@@ -871,7 +871,7 @@ def count_stays(pixels, gradients, depths, camera, T, marks, least_px, counts, m
     for i, (x, y) in enumerate(pixels.astype(int)):
         square = slice(max(y - 1, 0), y + 2), slice(max(x - 1, 0), x + 2)
         asked = i % kernels.ASKED == 0
-        before = counts[0, y, x] + added[0, y, x]
+        before = counts[0, y, x]
         if stays[i]:
             added[2][square] = True
         elif not asked and not before:
@@ -883,7 +883,7 @@ def count_stays(pixels, gradients, depths, camera, T, marks, least_px, counts, m
             some.append(own)
         if own:
             added[0][square] = True
-            found += counts[0, y, x] + added[0, y, x] >= many
+            found += before + 1 >= many
         elif not stays[i]:
             added[1][square] = True
     counts += added

@@ -103,7 +103,7 @@ class Chain:
         if self._depth_alone.has_to_tell(seen.samples):
             if period > NEAR_S:
                 return None  # nor would depth alone follow it
-            found, _ = self._depth_alone.align(last, seen.samples, seen.points, np.eye(4))
+            found = self._depth_alone.align(last, seen.samples, seen.points, np.eye(4))
             speed = speed_of(found.T_ref_cur, period)
             if self._judge.judge_alone(found, len(seen.points.sigma), *speed):
                 return None

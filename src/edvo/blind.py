@@ -98,7 +98,9 @@ class Blind:
                 # That of the last frames with edges is poor where they had few, as walls do.
                 velocity = course.velocity if course.is_blind else course.cruise
                 start = start @ se3.exp(velocity * math.exp(-period / FADING_S) * period)
-            alignment, covariance = self._depth_alone.align(key, seen.samples, seen.points, start)
+            parts = key, seen.samples, seen.points
+            alignment = self._depth_alone.align(*parts, start)
+            covariance = self._depth_alone.covariance(*parts, alignment)
         T_last_cur = se3.inverse(course.T_key_last) @ alignment.T_ref_cur
         own = in_current_camera(covariance, alignment.T_ref_cur)  # in which it was held still
         loose = tuple(describe(way) for way in degenerate_directions(own))

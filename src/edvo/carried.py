@@ -89,10 +89,10 @@ class Carried:
 
     def forget(self) -> None:
         """Take all edges again."""
-        self._marks = np.zeros(self._shape, np.uint8)
-        self._counts = np.zeros((3, *self._shape), np.uint8)
-        self._times = np.zeros((3, *self._shape), np.int32)
-        self._time = self._looks = 0
+        # filled: what is only said to be zero is given its memory by the frame that writes there
+        images = np.full((5, *self._shape), 0, np.uint8)
+        self._marks, self._room, self._counts = images[0], images[1], images[2:]
+        self._looks = 0
         self._by_chance = self._rest = 0.0  # of late
         self._age = self._left = 0  # frames that the reference is old, and until the next look
         self._wait = SOON
@@ -108,6 +108,7 @@ class Carried:
         """Drop the reference: where the camera is as against that one is not known."""
         self._T_world_ref: NDArray[np.float64] | None = None
         self._T_world_look: NDArray[np.float64] | None = None  # of the last look
+        self._gives_way = False
 
     @property
     def has_reference(self) -> bool:
@@ -172,7 +173,7 @@ class Carried:
         sure, T_world_ref = seen.is_parted, self._T_world_ref
         self._age += 1
         self._left = max(self._left - 1, 0)
-        if T_world_ref is None:
+        if T_world_ref is None or self._gives_way:
             self._refer(seen.edges, T_world_cam)
             return
         if self._left and not sure:
@@ -193,8 +194,7 @@ class Carried:
             many = self._count(seen.edges, seen.frame.depth, T_ref_cur, sure=sure)
         self._wait = SOON if many > MANY or sure else min(2 * self._wait, SELDOM)
         self._left = self._wait
-        if self._age >= LONGEST:
-            self._refer(seen.edges, T_world_cam)
+        self._gives_way = self._age >= LONGEST  # to the next one: this one has taken its time
 
     def _every(self, edges: EdgeImage) -> NDArray[np.int32]:
         """Flat indices of the edges of the frame that was seen last, those hidden, too."""
@@ -205,7 +205,7 @@ class Carried:
 
     def _refer(self, edges: EdgeImage, T_world_cam: NDArray[np.float64]) -> None:
         kernels.mark_edges(self._every(edges), edges.du, edges.dv, self._table, self._marks)
-        self._T_world_ref, self._age = T_world_cam, 0
+        self._T_world_ref, self._age, self._gives_way = T_world_cam, 0, False
 
     def _count(
         self,
@@ -216,7 +216,6 @@ class Carried:
         sure: bool,
     ) -> int:
         """Count which edges have stayed, and see past those that mostly do."""
-        self._time += 1
         self._looks += 1
         often = math.ceil(OFTEN * self._looks)
         found, by_chance, rest = kernels.count_stays(
@@ -229,8 +228,7 @@ class Carried:
             T_ref_cur,
             self._marks,
             APART_PX,
-            np.int32(self._time),
-            self._times,
+            self._room,
             self._counts,
             often,
         )

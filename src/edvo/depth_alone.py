@@ -66,7 +66,7 @@ class DepthAlone:
         samples: EdgePixels,
         points: PlanePoints,
         T_key_start: NDArray[np.float64],
-    ) -> tuple[Alignment, NDArray[np.float64]]:
+    ) -> Alignment:
         """Find what depth says of the motion since a keyframe.
 
         Parameters
@@ -83,8 +83,6 @@ class DepthAlone:
         -------
         Alignment
             Without matches of edges; ``too few matches`` where hardly a point has a plane.
-        covariance : ndarray of float64, shape (6, 6)
-            Of ``T_ref_cur``, as `Uncertainty.covariance` gives it.
         """
         T, iterations, reason = T_key_start.copy(), 0, kernels.EXHAUSTED
         none = samples.first(0)
@@ -92,7 +90,7 @@ class DepthAlone:
             found = self._state(key, none, points, T, scale, iterations, reason)
             if found.plane_points < self._term.min_points:
                 break
-            covariance = self._covariance(key, none, points, found)
+            covariance = self.covariance(key, none, points, found)
             # Across the camera's own axes, not the keyframe's: as it tilts it stays in its place.
             basis = se3.adjoint(T) @ constrained_directions(in_current_camera(covariance, T))
             if basis.size:
@@ -108,8 +106,28 @@ class DepthAlone:
                     T,
                 )
                 iterations += steps
-        found = self._state(key, samples, points, T, SCALES[-1], iterations, reason)
-        return found, self._covariance(key, samples, points, found)
+        return self._state(key, samples, points, T, SCALES[-1], iterations, reason)
+
+    def covariance(
+        self, key: Keyframe, samples: EdgePixels, points: PlanePoints, found: Alignment
+    ) -> NDArray[np.float64]:
+        """Say how certain that is.
+
+        Parameters
+        ----------
+        key, samples, points
+            As `align` was given them.
+        found : Alignment
+            What it gave.
+
+        Returns
+        -------
+        ndarray of float64, shape (6, 6)
+            Of ``T_ref_cur``, as `Uncertainty.covariance` gives it.
+        """
+        return self._uncertainty.covariance(
+            key.edges, samples, key.planes, points, self._term, found
+        )
 
     def _state(
         self,
@@ -165,10 +183,3 @@ class DepthAlone:
         near: kernels.PlaneMatches,
     ) -> int:
         return kernels.match_planes(key.planes, points, self._pinhole, T, self._term, near)
-
-    def _covariance(
-        self, key: Keyframe, samples: EdgePixels, points: PlanePoints, found: Alignment
-    ) -> NDArray[np.float64]:
-        return self._uncertainty.covariance(
-            key.edges, samples, key.planes, points, self._term, found
-        )

@@ -69,6 +69,8 @@ class Instants:
     depth : DepthDelay
     rolling : RollingShutter
     exposure : Exposure
+    is_trying : bool
+        Whether the last frame was one in which readouts were tried at once, which takes long.
     """
 
     def __init__(
@@ -100,7 +102,7 @@ class Instants:
         self._moments = Moments()
         self._trial.forget()
         self._held: _Held | None = None
-        self._count = 0
+        self._count, self.is_trying = 0, False
 
     def lag(
         self,
@@ -175,7 +177,15 @@ class Instants:
         seen = self.depth.settled(seen, velocity)
         return replace(seen, samples=self.rolling.unrolled(seen.samples, velocity))
 
-    def note(self, keyframe: Keyframe, seen: Seen, alignment: Alignment, period: float) -> None:
+    def note(
+        self,
+        keyframe: Keyframe,
+        seen: Seen,
+        alignment: Alignment,
+        period: float,
+        *,
+        has_time: bool = True,
+    ) -> None:
         """Take a frame that is to be trusted into account, once the next one is there.
 
         Parameters
@@ -186,7 +196,10 @@ class Instants:
         alignment : Alignment
         period : float
             Seconds since the frame before it.
+        has_time : bool, optional
+            Whether there is time for what may as well wait for the next frame.
         """
+        self.is_trying = False
         if not self._is_on:
             return
         self._count += 1
@@ -205,9 +218,9 @@ class Instants:
             self.exposure.learn(moment, velocity, frames * moment.period)
         if wanted:
             self.depth.learn(moment)
-            self._learn_readout(moment)
+            self._learn_readout(moment, has_time=has_time)
 
-    def _learn_readout(self, moment: Moment) -> None:
+    def _learn_readout(self, moment: Moment, *, has_time: bool = True) -> None:
         """Learn from how a frame misfits, and, where that is much, by trying what fits better."""
         held = self._held
         if held is None or held.keyframe is not moment.keyframe or held.velocity is None:
@@ -215,14 +228,15 @@ class Instants:
             return
         certainty, estimate = self.rolling.learn(moment, held.velocity), self.rolling.estimate
         hasty = certainty * HASTY_S**2 > 1 and not estimate.is_known(KNOWN_S)
-        if certainty * TELLING_S**2 < 1 or (self._trial.is_on and not hasty):
+        if certainty * TELLING_S**2 < 1 or self._trial.is_on or not has_time:
             return
         is_news = certainty * estimate.variance > NEWS_SHARE
         if (is_news and not estimate.is_known(SURELY_S)) or self._count % SELDOM == 0:
             key = Rolled(held.edges, held.depths(self._rough), held.velocity)
             self._trial.begin(moment, key, self.rolling.seconds)
-        while hasty and self._trial.is_on:  # until then each frame is off by pixels
-            self.go_on()
+            self.is_trying = hasty
+            while hasty and self._trial.is_on:  # until it ends each frame is off by pixels
+                self.go_on()
 
     def go_on(self) -> None:
         """Do a part of what takes too long for one frame, where there is time for it."""
@@ -236,6 +250,7 @@ class Instants:
 
     def interrupt(self) -> None:
         """Take note that a frame is not to be trusted."""
+        self.is_trying = False
         self._moments.interrupt()
 
     def unrolled(

@@ -32,6 +32,8 @@ REACH, LATEST = 1.5, 0.1  # so many times what such ones need, where the latest 
 FARTHEST = 10.0  # px; and counts no more than that
 MARGIN = 0.4  # px; how far a window looks past what it needs, so that its answer lasts longer
 NEEDED_AT_FIRST = (FIRST_REACH - MARGIN) / REACH
+# A match found as one number: its cost, as the bits of a float32, and below it which edge it is
+KEY_BITS, KEY_INDEX, NOTHING = np.int64(32), np.int64(2**32 - 1), np.int64(2**63 - 1)
 MIN_DEPTH = 0.05  # m; what is nearer after the warp has no usable projection
 TAN_22_5 = np.sqrt(2.0) - 1.0  # half of the angle between four directions
 TAN_BITS = 15  # of the same behind the point, as OpenCV's Canny takes it; its int32 holds the rest
@@ -54,6 +56,8 @@ LOOK_UP, ROBUST, NORMAL = -1, 0, 1  # stages of a registration
 EDGE_BITS = 21  # of a key of a near map: which edge; the bits above say how far off it is,
 NEXT, CORNER = np.uint32(4 << EDGE_BITS), np.uint32(6 << EDGE_BITS)  # in quarters of a cell
 NOWHERE = np.uint32(1023 << EDGE_BITS)
+# Of an edge that is held against marks: the bits for the counts of `count_stays`, in their order
+IS_OWN, HAS_MOVED, IS_STAYING = np.uint8(1), np.uint8(2), np.uint8(4)
 LOG_2 = np.float32(np.log(2))
 ROOT_OF_HALF = np.int32(np.float32(np.sqrt(0.5)).view(np.int32))  # its bits
 SHARED_DEPTH = 0.1  # neighbours that differ by less, of their depth, are of one surface
@@ -61,6 +65,7 @@ DARKEST, BRIGHTEST = 8, 247  # grey levels at which noise is cut off, or compres
 BAND_ROWS = 9  # rows looked at that a slope of light spans: more than an edge along them does
 BAND_MARGIN = 1.5  # by so much more is taken off: where light bends in a line its slope is rough
 MOST_ROUGH = 2**10 - 1  # noise of 250 grey levels leaves two fifths less rough
+MAGNITUDE = np.int32(2**31 - 1)  # the bits of a float32 but for its sign
 FLAT = np.float32(1e-6)  # a bend of less than that is none: logarithms are not more exact
 PROFILES = 400  # so many tell how profiles usually change,
 LEAST_CHANGE = 0.02  # which is by no less: noise of the image;
@@ -540,6 +545,38 @@ def mean_steps(grey: U8, apart: int, largest: int) -> tuple[float, float]:
             amid += step_between(grey[v - 4, u], grey[v - 5, u], largest)
             count += 1
     return between / max(count, 1), amid / max(count, 1)
+
+
+@compiled
+def smallest(values: F32, k: int) -> np.float32:
+    """The k-th smallest of some values, from 0 on.
+
+    Bit by bit, by how many are less: 32 times through all of them on vectors takes a fraction of
+    what it takes to sort them, or to part them, by branches that cannot be foretold.
+    """
+    bits = values.view(np.int32)
+    keys = np.empty(bits.size, np.int32)
+    for i in range(bits.size):  # of what is negative the bits descend
+        keys[i] = np.int32(bits[i] ^ np.int32(np.int32(bits[i] >> np.int32(31)) & MAGNITUDE))
+    found = np.int64(-(2**31))
+    for bit in range(31, -1, -1):
+        tried = np.int64(found + (np.int64(1) << bit))
+        bar, less = np.int32(tried), np.int32(0)
+        for i in range(keys.size):
+            less = np.int32(less + np.int32(keys[i] < bar))
+        if less <= k:
+            found = tried
+    key = np.int32(found)
+    return np.int32(key ^ np.int32(np.int32(key >> np.int32(31)) & MAGNITUDE)).view(np.float32)
+
+
+@compiled
+def median(values: F32) -> float:
+    """The median of some values, one at least, as ``np.median`` takes it."""
+    upper = np.float64(smallest(values, values.size // 2))
+    if values.size % 2 > 0:
+        return upper
+    return (np.float64(smallest(values, values.size // 2 - 1)) + upper) / 2
 
 
 @lean
@@ -1147,6 +1184,41 @@ def toward(gu: float, gv: float) -> np.uint8:
     return np.uint8(bits)
 
 
+@lean
+def spread_along(marks: U8, wide: U8) -> None:
+    """Write the bits of a row of marks, and of those beside them."""
+    last = marks.size - 1
+    for u in range(last - 1):
+        wide[u + 1] = marks[u] | marks[u + 1] | marks[u + 2]
+    wide[0] = marks[0] | marks[min(1, last)]
+    wide[last] = marks[last] | marks[max(last - 1, 0)]
+
+
+@lean
+def join_rows(above: U8, here: U8, below: U8, marks: U8) -> None:
+    """Write the bits of three rows."""
+    for u in range(marks.size):
+        marks[u] = above[u] | here[u] | below[u]
+
+
+@compiled
+def spread_marks(marks: U8) -> None:
+    """Give to each pixel the bits of its eight neighbours, too.
+
+    On vectors: to write those of each mark to nine pixels takes longer as soon as marks are many.
+    """
+    height, width = marks.shape
+    rows = np.zeros((3, width), np.uint8)
+    spread_along(marks[0], rows[0])
+    for v in range(height):
+        below = rows[(v + 1) % 3]
+        if v + 1 < height:
+            spread_along(marks[v + 1], below)
+        else:
+            below[:] = 0
+        join_rows(rows[(v + 2) % 3], rows[v % 3], below, marks[v])
+
+
 @compiled
 def mark_edges(index: I32, du: I16, dv: I16, table: F32, marks: U8) -> None:
     """Mark in an image the ideal pixels of edges and those beside them, by `toward`."""
@@ -1159,9 +1231,9 @@ def mark_edges(index: I32, du: I16, dv: I16, table: F32, marks: U8) -> None:
         x, y = u, v
         if table.size > 0:
             x, y = int(np.floor(table[v, u, 0] + 0.5)), int(np.floor(table[v, u, 1] + 0.5))
-        for row in range(max(y - 1, 0), min(y + 2, height)):
-            for col in range(max(x - 1, 0), min(x + 2, width)):
-                marks[row, col] |= bits
+        if 0 <= x < width and 0 <= y < height:
+            marks[y, x] |= bits
+    spread_marks(marks)
 
 
 @lean_float
@@ -1213,17 +1285,6 @@ def stay_in_place(
         sought[i] = moves[i] and not is_marked(marks, there_u, there_v, bit)
 
 
-@lean
-def count_beside(v: int, u: int, time: np.int32, times: I32, counts: U8) -> None:
-    """Add one to the counts of a pixel and of those beside it that have none of this time yet."""
-    height, width = counts.shape
-    for row in range(max(v - 1, 0), min(v + 2, height)):
-        for col in range(max(u - 1, 0), min(u + 2, width)):
-            if times[row, col] != time:
-                times[row, col] = time
-                counts[row, col] += np.uint8(1)
-
-
 @compiled
 def count_stays(
     index: I32,
@@ -1235,8 +1296,7 @@ def count_stays(
     T: F64,
     marks: U8,
     least_px: float,
-    time: np.int32,
-    times: I32,
+    room: U8,
     counts: U8,
     many: int,
 ) -> tuple[int, int, int]:
@@ -1244,43 +1304,56 @@ def count_stays(
 
     ``counts`` (3, H, W), of raw pixels and of those beside them, are: of edges that have stayed
     though they ought not, nor were seen where they ought to have come from; of those that have not
-    stayed; of all that have stayed. ``times`` tells when each was counted last. Returns how many
-    are of the first and were so ``many`` times; and of some that were less often before, how many
-    are of the first, and how many are not. Those that have not stayed count where others have.
+    stayed; of all that have stayed. ``room`` (H, W) is to work in. Returns how many are of the
+    first and were so ``many`` times, this one included; and of some that were less often before,
+    how many are of the first, and how many are not. Those that have not stayed count where others
+    have.
     """
     width = marks.shape[1]
     per_width = 1 / width
     found = by_chance = rest = 0
+    room[:] = 0
     for i in range(index.size):
         v, u = row_and_column(index[i], per_width, width)
         cu, cv = np.float64(u), np.float64(v)
         if table.size > 0:
             cu, cv = np.float64(table[v, u, 0]), np.float64(table[v, u, 1])
         gu, gv, z = np.float64(du[v, u]), np.float64(dv[v, u]), np.float64(depth[v, u])
-        norm = np.sqrt(gu * gu + gv * gv)
-        if norm == 0:
+        square = gu * gu + gv * gv
+        if square == 0:
             continue
         bit = np.uint8(1 << direction_of(gu, gv))
-        stays, asked = is_marked(marks, cu, cv, bit), i % ASKED == 0
+        stays, asked, before = is_marked(marks, cu, cv, bit), i % ASKED == 0, counts[0, v, u]
         if stays:
-            count_beside(v, u, time, times[2], counts[2])
-        elif not asked and counts[0, v, u] == 0:
+            room[v, u] |= IS_STAYING
+        elif not asked and before == 0:
             continue
         if not z >= MIN_DEPTH:
             continue
         there_u, there_v = warped(cu, cv, z, camera, T)
-        if not abs(gu * (there_u - cu) + gv * (there_v - cv)) >= least_px * norm:
+        way = gu * (there_u - cu) + gv * (there_v - cv)
+        if not way * way >= least_px * least_px * square:
             continue
         is_own = stays and not is_marked(marks, there_u, there_v, bit)
-        if asked and counts[0, v, u] < many:
+        if asked and before < many:
             by_chance += is_own
             rest += not is_own
         if is_own:
-            count_beside(v, u, time, times[0], counts[0])
-            found += counts[0, v, u] >= many
+            room[v, u] |= IS_OWN
+            found += before + 1 >= many
         elif not stays:
-            count_beside(v, u, time, times[1], counts[1])
+            room[v, u] |= HAS_MOVED
+    spread_marks(room)
+    for which in range(3):
+        add_bits(room.reshape(-1), np.uint8(which), counts[which].reshape(-1))
     return found, by_chance, rest
+
+
+@lean
+def add_bits(marks: U8, bit: np.uint8, counts: U8) -> None:
+    """Count that bit of each mark."""
+    for i in range(marks.size):
+        counts[i] += (marks[i] >> bit) & np.uint8(1)
 
 
 @compiled
@@ -2312,14 +2385,17 @@ def sort_by_cell(index: I32, height: int, width: int, cell_px: int) -> tuple[I32
 
 @lean
 def list_drawn(found: F32, samples: I32, depths: F32) -> int:
-    """Write which edges have a depth, in ascending order, and these depths; returns how many."""
-    filled = 0
-    for i in range(found.size):
-        if found[i] > 0:
-            samples[place(filled)] = i
-            depths[place(filled)] = found[i]
-            filled += 1
-    return filled
+    """Write which edges have a depth, in ascending order, and these depths; returns how many.
+
+    There is room for one more, which takes what does not count: to ask edge by edge would cost
+    branches that cannot be foretold.
+    """
+    filled = place(0)
+    for i in range(place(found.size)):
+        samples[filled] = np.int32(i)
+        depths[filled] = found[i]
+        filled += place(found[i] > 0)
+    return int(filled)
 
 
 @lean
@@ -2365,7 +2441,8 @@ def draw_samples(
 
     Depth is looked up for the edges drawn and for no others, ``roughly`` at the pixel itself if
     that has any; an edge without depth is passed over.
-    Writes positions in ``index`` in ascending order, and depths; returns how many.
+    Writes positions in ``index`` in ascending order, and depths, where there is room for one more
+    than ``count``; returns how many.
     """
     height, width = depth.shape
     n = index.size
@@ -2431,7 +2508,8 @@ def draw_informative(
     (rows, cols, LINE_DIRECTIONS), by place and by direction of the line; then the next cell. Depth
     is looked up as by ``draw_samples``. Pixels are taken as they are, and gradients, none of which
     may be 0, are not freed of the lens: that is near enough to choose by.
-    Writes positions in ``index`` in ascending order, and depths; returns how many.
+    Writes positions in ``index`` in ascending order, and depths, where there is room for one more
+    than ``count``; returns how many.
     """
     height, width = depth.shape
     per_width = 1 / width
@@ -2560,6 +2638,12 @@ def match_cost(
 
 
 @lean
+def cost_in(key: np.int64) -> np.float32:
+    """The cost (px^2) that a key of `scan_window` begins with."""
+    return np.int32(key >> KEY_BITS).view(np.float32)
+
+
+@lean
 def scan_window(
     grid: Grid, u: float, v: float, gu: float, gv: float, criterion: Criterion, reach: float
 ) -> tuple[int, float, float]:
@@ -2567,7 +2651,6 @@ def scan_window(
 
     The second best is at most reach^2, so that it bounds the edges outside the window too.
     """
-    best_i, best, second = np.int64(NO_MATCH), np.inf, reach * reach
     wide = reach + SLACK
     # towards 0 instead of down: a window that ends before the first cell may look into it, in vain
     last_row = min(int((v + wide - grid.top) * grid.inverse), grid.rows - 1)
@@ -2575,13 +2658,15 @@ def scan_window(
     first_row = max(int((v - wide - grid.top) * grid.inverse), 0)
     first_col = max(int((u - wide - grid.left) * grid.inverse), 0)
     if last_col < first_col:
-        return int(best_i), best, second
+        return NO_MATCH, np.inf, reach * reach
     f32 = np.float32
     uf, vf, guf, gvf = f32(u), f32(v), f32(gu), f32(gv)
-    square, bar = f32(reach * reach), f32(np.inf)
-    first, other = f32(np.inf), f32(reach * reach)
+    square = f32(reach * reach)
     direction, min_dot, one = f32(criterion.direction), f32(criterion.min_dot), f32(1)
     points = grid.points
+    # A cost is compared by its bits, which ascend with it; below them is whose it is. So the loop
+    # has no branch: what a processor does not foresee costs more than all that is reckoned here.
+    best, second = NOTHING, NOTHING
     for row in range(first_row, last_row + 1):
         base = row * grid.cols
         begin, end = grid.start[base + first_col], grid.start[base + last_col + 1]
@@ -2590,15 +2675,15 @@ def scan_window(
             distance = du * du + dv * dv
             dot = points[i, 2] * guf + points[i, 3] * gvf
             cost = distance + direction * (dot - one) * (dot - one)
-            # most fail here, which a processor foresees, while half of them are outside the circle
-            if cost < bar and distance <= square and dot >= min_dot:
-                if cost < first:
-                    other = min(first, other)
-                    best_i, first = np.int64(i), cost
-                else:
-                    other = cost
-                bar = max(first, other)
-    return int(best_i), float(first), float(other)
+            bits = np.int64(f32(cost).view(np.int32))
+            key = bits << KEY_BITS | np.int64(i)
+            key = key if (distance <= square) & (dot >= min_dot) else NOTHING
+            second = min(second, max(best, key))
+            best = min(best, key)
+    if best == NOTHING:
+        return NO_MATCH, np.inf, reach * reach
+    other = min(cost_in(second), square) if second < NOTHING else square
+    return int(best & KEY_INDEX), float(cost_in(best)), float(other)
 
 
 @lean
@@ -2648,13 +2733,12 @@ def with_latest(needed: float, cost: float) -> float:
 
 @lean
 def direction_of(gu: float, gv: float) -> int:
-    """Sort a gradient into one of ``DIRECTIONS``, the first from 0 to 45 degrees."""
-    half = 0
-    if gv < 0 or (gv == 0 and gu < 0):
-        gu, gv, half = -gu, -gv, 4
-    if gu > 0:
-        return half if gv < gu else half + 1
-    return half + 2 if -gu < gv else half + 3
+    """Sort a gradient into one of ``DIRECTIONS``, the first from 0 to 45 degrees: no branch."""
+    back = (gv < 0) | ((gv == 0) & (gu < 0))
+    a, b = -gu if back else gu, -gv if back else gv
+    left = a <= 0
+    along, across = b if left else a, -a if left else b
+    return 4 * int(back) + 2 * int(left) + int(across >= along)
 
 
 @lean
@@ -3205,8 +3289,8 @@ def smear_change(
             count += 1
     if count == 0:
         return 0, 0.0, 0.0
-    strong = np.median(heights[:count])
-    moved, widened = np.empty(count), np.empty(count)
+    strong = median(heights[:count])
+    moved, widened = np.empty(count), np.empty(count, np.float32)
     kept = 0
     for j in range(count):
         i = chosen[j]
@@ -3225,11 +3309,12 @@ def smear_change(
         kept += 1
     if kept < 4:
         return kept, 0.0, 0.0
-    order = np.argsort(moved[:kept])
-    quarter = kept // 4
-    least, most = order[:quarter], order[kept - quarter :]
+    moved, widened, quarter = moved[:kept], widened[:kept], kept // 4
+    ranked = moved.astype(np.float32)
+    least = ranked <= smallest(ranked, quarter - 1)
+    most = ranked >= smallest(ranked, kept - quarter)
     moves = moved[most].mean() - moved[least].mean()
-    return kept, moves, np.median(widened[most]) - np.median(widened[least])
+    return kept, moves, median(widened[most]) - median(widened[least])
 
 
 @lean_float
@@ -3996,7 +4081,7 @@ def usual_change(
     some = np.empty(count, np.float32)
     for c in range(2):
         values = changes[c, :count]
-        of_all = np.float32(np.nan)
+        of_all = np.nan
         for line in range(LINE_DIRECTIONS):
             among = place(0)
             for i in range(place(count)):
@@ -4004,14 +4089,14 @@ def usual_change(
                     some[among] = values[i]
                     among += place(1)
             if among >= OF_A_LINE:
-                change.middle[line, c] = np.median(some[:among])
+                change.middle[line, c] = median(some[:among])
                 continue
             if np.isnan(of_all):
-                of_all = np.median(values)
+                of_all = median(values)
             change.middle[line, c] = of_all
         for i in range(place(count)):
             values[i] -= change.middle[lines[i], c]
-        change.per[c] = 1 / (spread * max(np.median(np.abs(values)), LEAST_CHANGE))
+        change.per[c] = 1 / (spread * max(median(np.abs(values)), LEAST_CHANGE))
     squares, counts = np.zeros(LINE_DIRECTIONS), np.zeros(LINE_DIRECTIONS)
     for i in range(place(count)):
         x, y = changes[0, i] * change.per[0], changes[1, i] * change.per[1]
@@ -5327,32 +5412,32 @@ def is_told(
     each motion in units of ``sigma``, too. Returns whether that so many ``times`` is more than is
     left out, along each motion, or is no number; what is ``left`` is not written then.
     """
-    J = np.empty(6)
     square = sigma * sigma
-    inverse = 1 / square
     if not add_enough(H, square, enough, told):
         return True
+    table, pairs = np.zeros((TABLE, LANES)), np.zeros((PAIRS, LANES))
     most = robust_weight(0.0, solver.weight, solver.tuning)
-    left[:] = 0
+    lane, last = place(0), matches.size - 1
     for i in range(matches.size):
-        k = matches[i]
-        if k < 0:
-            continue
+        k = place(max(matches[i], 0))
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        px = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
-        py = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
         pz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
-        if pz < MIN_DEPTH:
-            continue
-        r = trust[i] * residuals[i]
-        share = most - robust_weight(r * r * inverse, solver.weight, solver.tuning)
-        per_z = trust[i] / pz
-        au, av = gradients[k, 0] * camera.fx * per_z, gradients[k, 1] * camera.fy * per_z
-        write_row(au, av, -(au * px + av * py) / pz, px, py, pz, J)
-        for m in range(6):
-            for n in range(m + 1):
-                left[m, n] += share * J[m] * J[n]
-    mirror_lower(left)
+        if matches[i] >= 0 and pz >= MIN_DEPTH:
+            table[0, lane], table[1, lane] = trust[i] * gradients[k, 0], trust[i] * gradients[k, 1]
+            table[POINT, lane] = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
+            table[POINT + 1, lane] = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
+            table[POINT + 2, lane] = pz
+            table[RESIDUAL, lane] = trust[i] * residuals[i]
+            lane += place(1)
+        if lane == place(LANES) or i == last:
+            project_rows(table, camera.fx, camera.fy, lane)
+            turn_rows(table, table)
+            weigh(table, lane, 1 / square, solver.weight, solver.tuning)
+            for j in range(lane):
+                table[WEIGHT, j] = most - table[WEIGHT, j]
+            add_pairs(table, table, pairs)
+            lane = place(0)
+    sum_pairs(pairs, 1.0, left)
     return is_more(told, times, left)
 
 

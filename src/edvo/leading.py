@@ -53,10 +53,8 @@ class Leading:
         if course.is_blind or self._depth_alone.has_to_tell(seen.samples):
             return None
         with self._clock("registration"):
-            start = self._locator.starts(seen)[0]
-            found, covariance = self._depth_alone.align(
-                course.key, seen.samples, seen.points, start
-            )
+            parts = course.key, seen.samples, seen.points
+            found = self._depth_alone.align(*parts, self._locator.starts(seen)[0])
         T_last_cur = se3.inverse(course.T_key_last) @ found.T_ref_cur
         speed = speed_of(T_last_cur, course.period(timestamp))
         if self._judge.judge_alone(found, len(seen.points.sigma), *speed):
@@ -64,5 +62,5 @@ class Leading:
         assessor = self._locator.assessor
         if assessor.off(found.T_ref_cur, timestamp) > assessor.limit(timestamp):
             return None
-        own = in_current_camera(covariance, found.T_ref_cur)
+        own = in_current_camera(self._depth_alone.covariance(*parts, found), found.T_ref_cur)
         return None if len(degenerate_directions(own)) else found

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from edvo.assessing import Assessor
 from edvo.course import Course
 from edvo.doubt import STEPPED, Doubt
 from edvo.hunting import STRIDE
+from edvo.keyframes import Keyframe
 from edvo.kit import Kit
 from edvo.mending import Mender
 from edvo.planes import DepthTerm, thinned
@@ -22,6 +24,15 @@ from edvo.status import SURE, Status, agreement
 
 FAR_STEP = "a far step: of what both see enough fits, and nothing else does"
 NOT_ALONE = "a far step, and beside where it led the edges fit as well"
+
+
+class Aligned(NamedTuple):
+    """What a frame was registered by, and how."""
+
+    seen: Seen
+    key: Keyframe
+    starts: NDArray[np.float64]
+    found: Alignment
 
 
 class Locator:
@@ -49,6 +60,7 @@ class Locator:
         self._depth_alone, self._search, self._judge = kit.depth_alone, kit.search, kit.judge
         self._instants, self._evidence = kit.instants, kit.uncertainty.evidence
         self._asks_scatter = kit.config.status.edge_jump > 0
+        self._aligned: Aligned | None = None
         self._course, self._doubt = course, doubt
         self.registrar = registrar = Registrar(kit, course)
         self.assessor = Assessor(kit, course, doubt)
@@ -71,7 +83,9 @@ class Locator:
         with self._clock("registration"):
             starts = self.starts(seen)
             term = self.registrar.term(timestamp)
-            alignment = self.registrar.register(seen, starts, term, far=far)
+            alignment = None if far else self._known(seen, starts)
+            if alignment is None:
+                alignment = self.registrar.register(seen, starts, term, far=far)
         is_off = self._is_off_planes if far else self._judge.may_be_off
         if is_off(alignment):
             with self._clock("search"):
@@ -134,9 +148,25 @@ class Locator:
         (Alignment, Status, str)
             See `locate`.
         """
-        timestamp, registrar = seen.frame.timestamp, self.registrar
-        alignment = registrar.register(seen, self.starts(seen), registrar.term(timestamp))
-        return alignment, *self.assessor.assess(alignment, timestamp)
+        alignment = self.align(seen)
+        return alignment, *self.assessor.assess(alignment, seen.frame.timestamp)
+
+    def align(self, seen: Seen) -> Alignment:
+        """The same, not assessed.
+
+        Parameters
+        ----------
+        seen : Seen
+
+        Returns
+        -------
+        Alignment
+            With which `locate` begins, if nothing has changed by then.
+        """
+        starts, term = self.starts(seen), self.registrar.term(seen.frame.timestamp)
+        alignment = self.registrar.register(seen, starts, term)
+        self._aligned = Aligned(seen, self._course.key, starts, alignment)
+        return alignment
 
     def starts(self, seen: Seen) -> NDArray[np.float64]:
         """Poses to start from, relative to the keyframe.
@@ -179,6 +209,13 @@ class Locator:
             return seen
         T_last_cur = se3.inverse(self.mender.last_pose(alignment)) @ alignment.T_ref_cur
         return self._instants.settled(seen, T_last_cur, course.period(timestamp))
+
+    def _known(self, seen: Seen, starts: NDArray[np.float64]) -> Alignment | None:
+        """What `align` has found of that frame, from the same starts."""
+        last, self._aligned = self._aligned, None
+        if last is None or last.seen is not seen or last.key is not self._course.key:
+            return None
+        return last.found if np.array_equal(last.starts, starts) else None
 
     def _leaves_out(self, seen: Seen, alignment: Alignment) -> bool:
         """Whether a motion that edges could tell is one that hardly any of them does."""
@@ -230,7 +267,7 @@ class Locator:
         def align(part: Seen, start: NDArray[np.float64]) -> Alignment:
             return self.registrar.register(part, start[None], term, scatter.sharp_px)
 
-        by_depth, _ = self._depth_alone.align(key, seen.samples, seen.points, starts[0])
+        by_depth = self._depth_alone.align(key, seen.samples, seen.points, starts[0])
         usual = thinned(seen.points, self._config.planes.point_step_px)
         few = replace(seen, samples=seen.samples.every(STRIDE), points=usual)
         tried = [align(few, T) for T in (*starts, found.T_ref_cur, by_depth.T_ref_cur)]
@@ -254,6 +291,6 @@ class Locator:
         A turn and a way to the side move edges all but alike; of the planes a turn tilts each.
         """
         key, points = self._course.key, seen.points
-        level, _ = self._depth_alone.align(key, seen.samples, points, found.T_ref_cur)
+        level = self._depth_alone.align(key, seen.samples, points, found.T_ref_cur)
         again = self.registrar.register(seen, level.T_ref_cur[None], term, far=far)
         return max((found, again), key=lambda each: agreement(each, key.planes, points))

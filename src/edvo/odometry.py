@@ -166,7 +166,7 @@ class Odometry:
         self._record = Record(course, self._pieces)
         self._doubt = Doubt(kit, course)
         self._locator = Locator(kit, course, self._doubt)
-        self._parting = Parting(kit, course, self._locator)
+        self._parting = Parting(kit, course, self._locator, self._doubt)
         self._standing = Standing(kit, course, self._doubt, self._locator)
         self._upkeep = Upkeep(kit, course, self._pieces)
         self._recovery = Recovery(
@@ -467,7 +467,8 @@ class Odometry:
                 self._instants.interrupt()
             else:
                 with self._clock("registration"):
-                    self._instants.note(key, registered, alignment, period)
+                    has_time = not self._parting.is_trying
+                    self._instants.note(key, registered, alignment, period, has_time=has_time)
             course.note_tracked(period)
         else:
             self._shared.interrupt()
@@ -507,6 +508,7 @@ class Odometry:
             is_whole=still is None,
             is_tracked=status is Status.TRACKED,
             tells_more=tells_more,
+            has_time=not self._parting.is_trying,
         )
         if is_keyframe and self._inertia.is_adrift:
             doubt.cast_on_way(timestamp)
@@ -602,7 +604,9 @@ class Odometry:
     def _learn_carried(self, seen: Seen, still: Still | None) -> None:
         """Learn what of the image is the camera's own from a frame that is to be trusted."""
         carried = self._front_end.carried
-        if carried is not None and (self._doubt.is_sure or seen.is_parted) and still is None:
+        if carried is None or still is not None or self._instants.is_trying:
+            return
+        if self._doubt.is_sure or seen.is_parted:
             carried.note(seen, self._course.T_world_last)
 
     def _forget_way(self) -> None:

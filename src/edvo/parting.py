@@ -6,8 +6,10 @@ import numpy as np
 
 from edvo.carried import STRIDE, Stays
 from edvo.course import Course
+from edvo.doubt import Doubt
 from edvo.kit import Kit
 from edvo.locating import Locator
+from edvo.planes import thinned
 from edvo.registration import FAILURES, Alignment
 from edvo.scatter import fitting_depth
 from edvo.seen import Seen
@@ -19,6 +21,7 @@ FITTING, MORE_FIT = 0.6, 0.2  # of the others fit where they lead, and so many m
 BETTER, FAR_BETTER = 1.25, 2.0  # times as well depth fits there, and where no more of them do
 ASIDE_PX = 2.0  # by which what stays ought to have moved, to be taken from this frame
 SOON, RARELY, SELDOM = 4, 4, 32  # frames from one look to the next, from one try, and at most
+OPEN = "a part of the view stays in the image: it, or the rest, may be what goes along"
 EARLY, LASTING = 15, 30  # frames each of which is looked at: the first, and once one was right
 
 
@@ -30,12 +33,21 @@ class Parting:
     kit : Kit
     course : Course
     locator : Locator
+    doubt : Doubt
+        Told of what is left open.
+
+    Attributes
+    ----------
+    is_trying : bool
+        Whether it has tried to, in the last frame: that takes about as long as all else.
     """
 
-    def __init__(self, kit: Kit, course: Course, locator: Locator) -> None:
+    def __init__(self, kit: Kit, course: Course, locator: Locator, doubt: Doubt) -> None:
         self._front_end, self._course, self._clock = kit.front_end, course, kit.clock
         self._depth_alone, self._inlier_px = kit.depth_alone, kit.config.status.inlier_px
         self._locator, self._asks_depth = locator, kit.fitter.is_on
+        self._point_step_px = kit.config.planes.point_step_px
+        self._doubt, self._is_open, self.is_trying = doubt, False, False
         self._wait = self._left = 0  # frames from one try to the next, and until that
         self._early, self._hot = EARLY, 0  # frames each of which is still looked at; see there
 
@@ -51,22 +63,30 @@ class Parting:
         Seen or None
             None where all is well.
         """
-        carried = self._front_end.carried
+        carried, self.is_trying = self._front_end.carried, False
         if carried is None or not self._asks_depth:
             return None
         self._left, self._hot = max(self._left - 1, 0), max(self._hot - 1, 0)
+        self._is_open &= carried.has_reference
         if self._left or not carried.has_reference:
+            if self._is_open:
+                self._doubt.cast(seen.frame.timestamp, OPEN)
             return None
         few = seen.samples.every(STRIDE)
         if not self._is_doubtful(carried.look(few, self._course.T_world_last)):
             self._early = max(self._early - 1, 0)
             self._left = 0 if self._hot or self._early else SOON
+            self._is_open = False
             return None
+        self.is_trying = True
         with self._clock("search"):
             T_world_key = self._course.key.T_world_key
-            found = self._locator.register(seen)[0]
+            found = self._locator.align(seen)
             looked = carried.look(seen.samples, T_world_key @ found.T_ref_cur)
             again = self._without(seen, found, looked)
+            self._is_open &= again is None
+            if self._is_open:
+                self._doubt.cast(seen.frame.timestamp, OPEN)
             if again is None:
                 self._wait = 0 if self._hot else min(max(2 * self._wait, RARELY), SELDOM)
                 self._left = self._wait
@@ -88,8 +108,12 @@ class Parting:
         return looked.view_moves and looked.share < (FEW if self._hot else MANY)
 
     def _without(self, seen: Seen, found: Alignment, looked: Stays) -> Alignment | None:
-        """Register what does not stay; None unless all say that the others ought to have moved."""
+        """Register what does not stay; None unless all say that the others ought to have moved.
+
+        Where depth does not say, though edges do, that is left open.
+        """
         if self._is_right(looked):
+            self._is_open = False
             return None
         course, rest = self._course, replace(seen, samples=seen.samples.where(~looked.stays))
         n = len(rest.samples)
@@ -98,8 +122,8 @@ class Parting:
         fitted = int(np.count_nonzero(near))
         if looked.view_moves and fitted > FITTING * n:  # these say so already
             return found
-        start = course.T_key_last
-        by_depth, _ = self._depth_alone.align(course.key, rest.samples, rest.points, start)
+        start, usual = course.T_key_last, thinned(rest.points, self._point_step_px)
+        by_depth = self._depth_alone.align(course.key, rest.samples, usual, start)
         starts = np.array([by_depth.T_ref_cur, start])
         registrar = self._locator.registrar
         again = registrar.widely(rest, starts, registrar.term(rest.frame.timestamp))
@@ -107,4 +131,6 @@ class Parting:
             return None
         is_clear = again.inliers > fitted + MORE_FIT * n
         better = fitting_depth(again) / max(fitting_depth(found), 1.0)
+        # along a wall depth fits wherever they lead, and does not say which of the two moves
+        self._is_open |= is_clear and better > 1 / BETTER
         return again if better > (BETTER if is_clear else FAR_BETTER) else None

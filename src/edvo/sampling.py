@@ -71,8 +71,7 @@ def sample_edges(
     """
     wanted = config.count if count is None else count
     count = min(wanted, len(edges)) if wanted else len(edges)
-    which = np.empty(count, np.int32)
-    depths = np.empty(count, np.float32)
+    which, depths = np.empty(count + 1, np.int32), np.empty(count + 1, np.float32)
     radius, gap = edges_config.depth_window_px // 2, edges_config.depth_gap
     by_sides = edges_config.depth_rule == "sides"
     how = radius, gap, by_sides, seed, which, depths

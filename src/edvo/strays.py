@@ -108,5 +108,5 @@ def far_nearer(depths: NDArray[np.float32]) -> NDArray[np.bool_]:
     few = int(NEAREST * len(known))
     if not few:
         return np.zeros(len(depths), np.bool_)
-    near: NDArray[np.bool_] = is_known & (TIMES * depths < np.partition(known, few)[few])
+    near: NDArray[np.bool_] = is_known & (TIMES * depths < kernels.smallest(known, few))
     return near

@@ -23,7 +23,7 @@ from edvo.rolling import SHARP_PX, unroll
 STEP_S = 0.012  # that the readouts tried are apart
 STEPS = (0, -1, 1)  # of the three, from the one believed
 FARTHEST = 1.5  # steps, that a readout is looked for beyond the one believed
-SAMPLES = 750  # that are enough to tell
+SAMPLES = 750  # that are enough to tell, or about as many
 
 
 class Rolled(NamedTuple):
@@ -74,7 +74,7 @@ class ReadoutTrial:
             The readout that is believed so far.
         """
         samples = moment.seen.samples
-        self._stride = max(len(samples) // SAMPLES, 1)
+        self._stride = max(round(len(samples) / SAMPLES), 1)
         seen = replace(samples, pixels=moment.alignment.pixels)  # where they were seen
         self._moment, self._key, self._samples = moment, key, seen.every(self._stride)
         self._believed, self._tried = seconds, []

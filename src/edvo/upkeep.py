@@ -97,6 +97,7 @@ class Upkeep:
         is_whole: bool,
         is_tracked: bool,
         tells_more: bool,
+        has_time: bool,
     ) -> tuple[NDArray[np.float64], bool]:
         """See to the keyframe after a frame that was registered with it, and noted in the course.
 
@@ -120,6 +121,8 @@ class Upkeep:
             Whether there is no doubt.
         tells_more : bool
             Whether its edges tell a motion of which the keyframe tells nothing.
+        has_time : bool
+            Whether there is time for what may as well wait for the next frame.
 
         Returns
         -------
@@ -157,8 +160,9 @@ class Upkeep:
             self._due = _Due(kept, index, velocity, telling, planes, placed_by is not None)
         elif velocity is not None:
             if age > 1:
-                with self._clock("registration"):
-                    self._instants.go_on()
+                if has_time:
+                    with self._clock("registration"):
+                        self._instants.go_on()
                 self._renew(velocity)
             else:  # it has made the keyframe, or, the second of all, been looked at more closely
                 self._renewal = velocity

@@ -8,6 +8,7 @@ import numpy as np
 
 from edvo import kernels
 from edvo.camera import Camera
+from edvo.chamfer import ChamferMap
 from edvo.config import Config
 from edvo.edges import NO_TABLE, EdgeBuffers, depth_at_edges, edges_to_keep, extract_edges
 from edvo.exposure import Exposure
@@ -18,6 +19,7 @@ from edvo.matching import EdgeIndex
 from edvo.measuring import taken_by_pose
 from edvo.odometry import Odometry
 from edvo.planes import camera_of
+from edvo.registration import Registration
 from edvo.rolling import unroll
 from edvo.thresholds import Scales
 
@@ -73,9 +75,9 @@ def warm_up(config: Config) -> None:
     described = edges.describe(camera)
     unroll(described, 0.0, np.zeros(6), camera_of(camera), depths)
     # and what the camera carries with it, which takes longer, too
-    times, counts = np.zeros((3, height, width), np.int32), np.zeros((3, height, width), np.uint8)
-    view = NO_TABLE, depth, camera_of(camera), np.eye(4), counts[0], 4.0
-    kernels.count_stays(edges.index, edges.du, edges.dv, *view, np.int32(1), times, counts, 1)
+    marks, room, *counts = np.zeros((5, height, width), np.uint8)
+    view = NO_TABLE, frame.depth, camera_of(camera), np.eye(4), marks, 4.0
+    kernels.count_stays(edges.index, edges.du, edges.dv, *view, room, np.array(counts), 1)
     # and faint edges, of which a keyframe has more
     buffers = EdgeBuffers(height, width)
     faint = replace(extract_edges(grey, config.edges, buffers), scale=0.7, scales=Scales(1.0, 0.5))
@@ -96,6 +98,23 @@ def warm_up(config: Config) -> None:
     # and a lamp that moves, whose edges a keyframe gathers
     with_depth = replace(described, depths=depths)
     unknown(EdgeIndex(described), carried(with_depth, np.eye(4), camera), camera)
+    # and what a trial of readouts costs, how far along a motion edges tell, and which are amiss
+    registration = Registration(camera, config.matching, config.registration)
+    found = registration.align(EdgeIndex(described), with_depth, np.eye(4)[None])
+    registration.cost(found, 1.0)
+    ChamferMap(described, camera).stands_out(with_depth, np.eye(4), np.zeros(6))
+    given = (
+        with_depth.points(camera),
+        described.gradients,
+        described.gradients,
+        found.matches,
+        found.residuals,
+        found.trust,
+        camera_of(camera),
+        found.T_ref_cur,
+        kernels.Places(1.0, 1.0, 1.0),
+    )
+    kernels.find_amiss(*given, np.empty((len(described), 6)), np.empty(len(described), np.uint8))
     # and what a lost camera asks for
     look = Look(described, camera)
     look.likeness(look)
