@@ -1133,6 +1133,16 @@ def test_judge_matches(rng):
     np.testing.assert_array_equal(matched, expected[3])
 
 
+@pytest.mark.parametrize("shape", [(1, 1), (1, 2), (2, 1), (2, 2), (1, 7), (5, 1), (4, 9)])
+def test_marks_spread_to_their_neighbours(rng, shape):
+    marks = rng.integers(0, 256, shape, np.uint8) * (rng.random(shape) < 0.3)
+    spread = marks.copy()
+    kernels.spread_marks(spread)
+    for v, u in np.ndindex(shape):
+        square = marks[max(v - 1, 0) : v + 2, max(u - 1, 0) : u + 2]
+        assert spread[v, u] == np.bitwise_or.reduce(square, axis=None)
+
+
 @settings(deadline=None)
 @given(st.lists(st.floats(width=32, allow_nan=False), min_size=1, max_size=40), st.data())
 def test_smallest_and_median_are_what_sorting_gives(values, data):

@@ -228,7 +228,7 @@ class Instants:
             return
         certainty, estimate = self.rolling.learn(moment, held.velocity), self.rolling.estimate
         hasty = certainty * HASTY_S**2 > 1 and not estimate.is_known(KNOWN_S)
-        if certainty * TELLING_S**2 < 1 or self._trial.is_on or not has_time:
+        if certainty * TELLING_S**2 < 1 or not has_time or (self._trial.is_on and not hasty):
             return
         is_news = certainty * estimate.variance > NEWS_SHARE
         if (is_news and not estimate.is_known(SURELY_S)) or self._count % SELDOM == 0:

@@ -549,7 +549,7 @@ def mean_steps(grey: U8, apart: int, largest: int) -> tuple[float, float]:
 
 @compiled
 def smallest(values: F32, k: int) -> np.float32:
-    """The k-th smallest of some values, from 0 on.
+    """The k-th smallest of some values, none of them NaN, from 0 on.
 
     Bit by bit, by how many are less: 32 times through all of them on vectors takes a fraction of
     what it takes to sort them, or to part them, by branches that cannot be foretold.
@@ -572,7 +572,7 @@ def smallest(values: F32, k: int) -> np.float32:
 
 @compiled
 def median(values: F32) -> float:
-    """The median of some values, one at least, as ``np.median`` takes it."""
+    """The median of some values, one at least and none of them NaN, as ``np.median`` takes it."""
     upper = np.float64(smallest(values, values.size // 2))
     if values.size % 2 > 0:
         return upper
@@ -1221,7 +1221,7 @@ def spread_marks(marks: U8) -> None:
 
 @compiled
 def mark_edges(index: I32, du: I16, dv: I16, table: F32, marks: U8) -> None:
-    """Mark in an image the ideal pixels of edges and those beside them, by `toward`."""
+    """Mark in an image the ideal pixels of edges in it, and those beside them, by `toward`."""
     height, width = marks.shape
     per_width = 1 / width
     marks[:] = 0
@@ -2681,7 +2681,7 @@ def scan_window(
             second = min(second, max(best, key))
             best = min(best, key)
     if best == NOTHING:
-        return NO_MATCH, np.inf, reach * reach
+        return NO_MATCH, np.inf, float(square)
     other = min(cost_in(second), square) if second < NOTHING else square
     return int(best & KEY_INDEX), float(cost_in(best)), float(other)
 
@@ -3276,9 +3276,9 @@ def smear_change(
     Of the stronger half of the samples whose match is among the reference's first, its ``own``, no
     farther than ``most_px``, no wider than ``most_px2`` and turned alike: how many they are; then
     of the quarter whose speed along the gradient has risen most over that of the match, less the
-    quarter where it has risen least: the mean change of its square, over 12, px^2/s^2, and the
-    middle change of the variance of the profile, px^2. What one is of the other, s^2, is the
-    square of the exposure.
+    quarter where it has risen least, each with what is even with it: the mean change of its square,
+    over 12, px^2/s^2, and the middle change of the variance of the profile, px^2. What one is of
+    the other, s^2, is the square of the exposure.
     """
     n = matches.size
     chosen, heights = np.empty(n, np.int64), np.empty(n, np.float32)

@@ -152,7 +152,7 @@ class Locator:
         return alignment, *self.assessor.assess(alignment, seen.frame.timestamp)
 
     def align(self, seen: Seen) -> Alignment:
-        """The same, not assessed.
+        """Register a frame with the keyframe, and remember that for `locate`.
 
         Parameters
         ----------

@@ -442,6 +442,7 @@ class Odometry:
         registered = seen if still is None else still.seen
         key, T_key_cur = course.key, alignment.T_ref_cur
         compared = key.planes, registered.points, self._fitter.term
+        has_time = found is not None or not self._parting.is_trying
         T_last_cur, seconds = course.moved(T_key_cur, timestamp)
         period = seconds if course.is_blind else course.period(timestamp)
         follows = course.follows(timestamp) and found is None
@@ -467,7 +468,6 @@ class Odometry:
                 self._instants.interrupt()
             else:
                 with self._clock("registration"):
-                    has_time = not self._parting.is_trying
                     self._instants.note(key, registered, alignment, period, has_time=has_time)
             course.note_tracked(period)
         else:
@@ -508,7 +508,7 @@ class Odometry:
             is_whole=still is None,
             is_tracked=status is Status.TRACKED,
             tells_more=tells_more,
-            has_time=not self._parting.is_trying,
+            has_time=has_time,
         )
         if is_keyframe and self._inertia.is_adrift:
             doubt.cast_on_way(timestamp)

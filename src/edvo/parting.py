@@ -22,6 +22,7 @@ BETTER, FAR_BETTER = 1.25, 2.0  # times as well depth fits there, and where no m
 ASIDE_PX = 2.0  # by which what stays ought to have moved, to be taken from this frame
 SOON, RARELY, SELDOM = 4, 4, 32  # frames from one look to the next, from one try, and at most
 OPEN = "a part of the view stays in the image: it, or the rest, may be what goes along"
+STAYS_OPEN = 3  # tries: so many later ones in a row that do not find it so end it
 EARLY, LASTING = 15, 30  # frames each of which is looked at: the first, and once one was right
 
 
@@ -47,7 +48,8 @@ class Parting:
         self._depth_alone, self._inlier_px = kit.depth_alone, kit.config.status.inlier_px
         self._locator, self._asks_depth = locator, kit.fitter.is_on
         self._point_step_px = kit.config.planes.point_step_px
-        self._doubt, self._is_open, self.is_trying = doubt, False, False
+        self._doubt, self.is_trying = doubt, False
+        self._open = 0  # tries more for which it stays open which of the two is the scene
         self._wait = self._left = 0  # frames from one try to the next, and until that
         self._early, self._hot = EARLY, 0  # frames each of which is still looked at; see there
 
@@ -67,16 +69,17 @@ class Parting:
         if carried is None or not self._asks_depth:
             return None
         self._left, self._hot = max(self._left - 1, 0), max(self._hot - 1, 0)
-        self._is_open &= carried.has_reference
-        if self._left or not carried.has_reference:
-            if self._is_open:
-                self._doubt.cast(seen.frame.timestamp, OPEN)
+        if not carried.has_reference:
+            self._open = 0
+            return None
+        if self._left:
+            self._leave_open(seen)
             return None
         few = seen.samples.every(STRIDE)
         if not self._is_doubtful(carried.look(few, self._course.T_world_last)):
             self._early = max(self._early - 1, 0)
             self._left = 0 if self._hot or self._early else SOON
-            self._is_open = False
+            self._open = 0
             return None
         self.is_trying = True
         with self._clock("search"):
@@ -84,17 +87,21 @@ class Parting:
             found = self._locator.align(seen)
             looked = carried.look(seen.samples, T_world_key @ found.T_ref_cur)
             again = self._without(seen, found, looked)
-            self._is_open &= again is None
-            if self._is_open:
-                self._doubt.cast(seen.frame.timestamp, OPEN)
             if again is None:
-                self._wait = 0 if self._hot else min(max(2 * self._wait, RARELY), SELDOM)
+                self._leave_open(seen)
+                most = RARELY if self._open else SELDOM
+                self._wait = 0 if self._hot else min(max(2 * self._wait, RARELY), most)
                 self._left = self._wait
                 return None
-            self._hot = LASTING
+            self._hot, self._open = LASTING, 0
             looked = carried.look(seen.samples, T_world_key @ again.T_ref_cur, ASIDE_PX)
             rest = seen.samples.where(~(looked.stays & looked.moves))
         return replace(seen, samples=rest, is_parted=True)
+
+    def _leave_open(self, seen: Seen) -> None:
+        """Doubt the frame while it is open what moves; nothing is learned from it then."""
+        if self._open:
+            self._doubt.cast(seen.frame.timestamp, OPEN)
 
     def _is_doubtful(self, looked: Stays) -> bool:
         """Whether some samples stay, and others do not, though by the last pose nothing moves."""
@@ -113,8 +120,9 @@ class Parting:
         Where depth does not say, though edges do, that is left open.
         """
         if self._is_right(looked):
-            self._is_open = False
+            self._open = 0
             return None
+        self._open = max(self._open - 1, 0)
         course, rest = self._course, replace(seen, samples=seen.samples.where(~looked.stays))
         n = len(rest.samples)
         with np.errstate(invalid="ignore"):
@@ -130,7 +138,7 @@ class Parting:
         if again.reason in FAILURES or again.inliers < max(FITTING * n, fitted):
             return None
         is_clear = again.inliers > fitted + MORE_FIT * n
-        better = fitting_depth(again) / max(fitting_depth(found), 1.0)
-        # along a wall depth fits wherever they lead, and does not say which of the two moves
-        self._is_open |= is_clear and better > 1 / BETTER
+        better = max(fitting_depth(again), 1.0) / max(fitting_depth(found), 1.0)
+        if is_clear and better > 1 / BETTER:  # as along a wall, where depth fits wherever they lead
+            self._open = STAYS_OPEN
         return again if better > (BETTER if is_clear else FAR_BETTER) else None
