@@ -70,7 +70,7 @@ class Instants:
     rolling : RollingShutter
     exposure : Exposure
     is_trying : bool
-        Whether the last frame was one in which readouts were tried at once, which takes long.
+        Whether readouts were tried at once in the last frame, which takes long.
     """
 
     def __init__(
@@ -234,9 +234,9 @@ class Instants:
         if (is_news and not estimate.is_known(SURELY_S)) or self._count % SELDOM == 0:
             key = Rolled(held.edges, held.depths(self._rough), held.velocity)
             self._trial.begin(moment, key, self.rolling.seconds)
-            self.is_trying = hasty
-            while hasty and self._trial.is_on:  # until it ends each frame is off by pixels
-                self.go_on()
+        self.is_trying = hasty and self._trial.is_on
+        while hasty and self._trial.is_on:  # until it ends each frame is off by pixels
+            self.go_on()
 
     def go_on(self) -> None:
         """Do a part of what takes too long for one frame, where there is time for it."""

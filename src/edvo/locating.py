@@ -27,7 +27,18 @@ NOT_ALONE = "a far step, and beside where it led the edges fit as well"
 
 
 class Aligned(NamedTuple):
-    """What a frame was registered by, and how."""
+    """A registration that may serve again.
+
+    Attributes
+    ----------
+    seen : Seen
+        The frame.
+    key : Keyframe
+        That it was registered with.
+    starts : ndarray of float64, shape (N, 4, 4)
+        Poses relative to the keyframe that it began with.
+    found : Alignment
+    """
 
     seen: Seen
     key: Keyframe

@@ -442,6 +442,7 @@ class Odometry:
         registered = seen if still is None else still.seen
         key, T_key_cur = course.key, alignment.T_ref_cur
         compared = key.planes, registered.points, self._fitter.term
+        # of a camera that is found again nobody has asked whether it carries anything
         has_time = found is not None or not self._parting.is_trying
         T_last_cur, seconds = course.moved(T_key_cur, timestamp)
         period = seconds if course.is_blind else course.period(timestamp)

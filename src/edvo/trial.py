@@ -23,7 +23,7 @@ from edvo.rolling import SHARP_PX, unroll
 STEP_S = 0.012  # that the readouts tried are apart
 STEPS = (0, -1, 1)  # of the three, from the one believed
 FARTHEST = 1.5  # steps, that a readout is looked for beyond the one believed
-SAMPLES = 750  # that are enough to tell, or about as many
+SAMPLES = 750  # about so many are enough to tell
 
 
 class Rolled(NamedTuple):
