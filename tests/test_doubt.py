@@ -5,11 +5,15 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from benchmarks.crowd import other_people
 
+from edvo import se3
 from edvo.config import Config
+from edvo.datasets import read_ahead
 from edvo.doubt import CHANGED
 from edvo.frame import Frame
 from edvo.odometry import Odometry, Status
+from edvo.synthesis.sequence import SyntheticSource, make_recipe
 
 from . import problems
 
@@ -79,7 +83,7 @@ def test_only_what_fits_can_agree():
 
 def test_the_paper_does_not_ask_whether_edges_agree():
     status = Config.preset("paper").status
-    assert status.min_agreeing == status.doubt_agreeing == 0
+    assert status.min_agreeing == status.doubt_agreeing == status.first_agreeing == 0
     result = second(dense(0, 0.8), dense(1, 0.8), preset="paper")
     assert result.status is not Status.LOST
     assert "turned alike" not in result.reason
@@ -95,6 +99,39 @@ def measured(frame, bend=0.0):
     wave = 1 + bend * np.sin(u / 30) * np.sin(v / 30)
     depth = frame.depth * wave * (1 + 0.0012 * frame.depth * noise)
     return Frame(frame.timestamp, frame.grey, depth.astype(np.float32))
+
+
+BENT = 0.02  # depth lies some times its noise off
+
+
+def test_in_the_first_second_edges_or_depth_have_to_fit():
+    frames, _ = problems.sequence(40)
+    strict, kept = "status.first_agreeing=1.0", ["keyframes.rule=gap", "keyframes.gap_frames=99"]
+    odometry = Odometry(CAMERA, Config().with_overrides([strict, *kept]))
+    bends = [0.0, *[BENT] * 39]
+    results = [odometry.track(measured(*each)) for each in zip(frames, bends, strict=True)]
+    asked = ["just begun" in result.reason for result in results]
+    early = [0 < result.timestamp - frames[0].timestamp <= 1 for result in results]
+    assert asked == early
+    assert all(results[k].status is Status.DEGRADED for k in np.flatnonzero(early))
+    assert results[-1].status is Status.TRACKED
+    pair = measured(frames[0]), measured(frames[1])
+    assert second(*pair, strict).status is Status.TRACKED  # as depth fits
+    bent = measured(frames[0]), measured(frames[1], BENT)
+    assert second(*bent).status is Status.TRACKED  # as edges do
+    assert "just begun" not in second(*bent, strict, preset="paper").reason
+
+
+def test_who_walks_by_before_anything_is_known_is_not_tracked_for_long():
+    """Four fifths of the first views are one who walks: edges and depth fit less and less."""
+    source = SyntheticSource(make_recipe(other_people(3), frames=8, seed=3))
+    odometry, truth, off = Odometry(source.camera), source.ground_truth, 0.0
+    T_first_world = se3.inverse(truth.at(source.timestamps[0]))
+    for reading in read_ahead(source, range(8)):
+        result = odometry.track(reading.frame)
+        off = se3.distance(T_first_world @ truth.at(result.timestamp), result.T_world_cam)
+        assert off < 0.1 or result.status is Status.DEGRADED
+    assert off > 0.1
 
 
 def followed(bend, *overrides, usual=0.0, count=10):

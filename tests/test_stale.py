@@ -136,7 +136,7 @@ def test_new_depth_is_new_and_so_is_a_clock_that_jumps_back():
     stale, depth = StaleDepth(), image()
     stale.dated(frame(1.0, depth), AT)
     changed = depth.copy()
-    changed[120, 160] += 1e-3
+    changed[112, 160] += 1e-3
     assert not stale.dated(frame(1.1, changed), AT)[1]
     assert stale.dated(frame(1.15, changed), AT)[1]
     assert not stale.dated(frame(0.5, changed), AT)[1]

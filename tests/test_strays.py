@@ -16,7 +16,7 @@ from edvo.edges import NO_TABLE, EdgeImage
 from edvo.odometry import Odometry, Status
 from edvo.planes import camera_of
 from edvo.sampling import sample_edges
-from edvo.strays import NOWHERE, REACH, drop_strays, far_nearer, ring
+from edvo.strays import NEAREST, NOWHERE, REACH, TIMES, drop_strays, ring
 from edvo.witness import Witness
 
 from . import problems, twins
@@ -106,10 +106,20 @@ def test_what_is_dropped_is_that_of_the_twin(camera, moved):
     before = depth.ravel()[index]
     found, around = before.copy(), ring(160)
     table = camera.undistortion_table() if camera.is_distorted else NO_TABLE
-    kernels.drop_strays(pixels, index, depth, table, camera_of(camera), T, around, GAP, found)
+    kernels.drop_strays(
+        pixels, index, depth, table, camera_of(camera), T, moved, around, GAP, found
+    )
     expected = twins.drop_strays(pixels, index, depth, camera, T, around, GAP, before)
     np.testing.assert_array_equal(found, expected)
     assert 0.05 < (found[before > 0] == 0).mean() < 0.6
+
+
+def far_nearer(depths):
+    """What is dropped as such."""
+    left = depths.copy()
+    kernels.drop_far_nearer(left, NEAREST, TIMES)
+    np.testing.assert_array_equal(left[left > 0], depths[left > 0])
+    return left < depths
 
 
 @given(
@@ -136,7 +146,7 @@ def left_of(depth, index):
     """The edges whose depth is left."""
     pixels = np.column_stack((index % 640, index // 640)).astype(np.float32)
     depths = depth.ravel()[index].copy()
-    drop_strays(pixels, index, depth, WIDE, NO_TABLE, np.eye(4), GAP, depths)
+    drop_strays(pixels, index, depth, WIDE, NO_TABLE, np.eye(4), False, GAP, depths)
     return np.flatnonzero(depths > 0)
 
 

@@ -1099,8 +1099,8 @@ def descend_on_planes(planes, points, camera, term, basis, scale, solver, stop, 
 # --------------------------------------------------------------------------------------- blur
 
 
-def blurred_gradients(grey, bits, passes=0):
-    """Sobel's gradients of an image blurred by binomials, of which so many bits are rounded.
+def blurred_gradients(grey, steps, passes=0):
+    """Sobel's gradients of an image blurred by binomials, rounded to so many steps a grey level.
 
     Then it is blurred again, so many times, by weights two pixels apart.
     """
@@ -1108,7 +1108,7 @@ def blurred_gradients(grey, bits, passes=0):
     weights, (height, width) = (1, 4, 6, 4, 1), grey.shape
     sums = sum(w * wide[i : i + height] for i, w in enumerate(weights))
     total = sum(w * sums[:, i : i + width] for i, w in enumerate(weights))
-    image = np.floor(total / 2**bits + 0.5).astype(int)
+    image = np.floor(total * steps / 256 + 0.5).astype(int)
     for _ in range(passes):
         wide = np.pad(image, 2, mode="reflect")
         sums = wide[:-4] + 2 * wide[2:-2] + wide[4:]

@@ -65,9 +65,12 @@ class Assessor:
         # from a doubtful pose, as one that went along with people, it may well come back at once
         sure = self._doubt.is_sure and not self._doubt.lasts(timestamp)
         expected = self._asks_scatter and sure
-        if said[0] is Status.LOST or not expected or not self.leaps(alignment, timestamp):
-            return said
-        return Status.LOST, LEAPT
+        if said[0] is not Status.LOST and expected and self.leaps(alignment, timestamp):
+            return Status.LOST, LEAPT
+        if said[0] is Status.TRACKED and self._doubt.has_just_begun(timestamp):
+            poor = self._judge.poor_start(alignment)
+            return (Status.DEGRADED, poor) if poor else said
+        return said
 
     def leaps(self, alignment: Alignment, timestamp: float) -> bool:
         """Whether a registration is farther from where it was expected than a hand moves a camera.

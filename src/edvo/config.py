@@ -589,6 +589,12 @@ class StatusConfig(Section):
     doubt_agreeing: Fraction = Field(
         default=0.5, description="share below which a tracked frame is called degraded"
     )
+    first_agreeing: Fraction = Field(
+        default=0.67,
+        description="that share in the second after the first frame, where depth, too, is off the "
+        "keyframe's planes by more than 1.5 times its noise: how well both fit as a rule is not "
+        "known yet, and whoever walks by may fill the view. Not in the paper",
+    )
     edge_jump: NotNegative = Field(
         default=2.5,
         description="a frame whose edges scatter about their matches by so many times what they "
@@ -878,6 +884,7 @@ PRESETS: dict[str, dict[str, Any]] = {
             "max_conflict": 0.0,
             "min_agreeing": 0.0,
             "doubt_agreeing": 0.0,
+            "first_agreeing": 0.0,
             "covariance": "none",
             "moving": "follow",
             "lost": "wait",

@@ -59,6 +59,7 @@ class Doubt:
         keeps_strays = kit.config.edges.strays == "kept"
         self._witness = Witness(kit.camera, kit.config.planes.sensor, keeps_strays=keeps_strays)
         self._time, self.reason = -math.inf, MOVED
+        self._begun = math.inf  # when the first frame was taken, seconds
         # When a keyframe was made of a pose that may be off, or the camera found elsewhere.
         self._loose_time, self.way_reason = -math.inf, WAS_LOOSE
         self._has_leapt = False
@@ -220,11 +221,26 @@ class Doubt:
         ----------
         seen : Seen
         """
+        self._begun = seen.frame.timestamp
         if self._limits.max_conflict:
             with self._clock("witness"):
                 surface = self._witness.surface(seen.frame.depth)
                 T_world_cam = self._course.T_world_last
                 self._witness.remember(seen.frame.timestamp, T_world_cam, surface)
+
+    def has_just_begun(self, timestamp: float) -> bool:
+        """Whether it is so little since the first frame that nothing is known as a rule.
+
+        Parameters
+        ----------
+        timestamp : float
+            Seconds.
+
+        Returns
+        -------
+        bool
+        """
+        return 0 < timestamp - self._begun <= DOUBTFUL_S
 
     def question(
         self, seen: Seen, alignment: Alignment, status: Status, reason: str

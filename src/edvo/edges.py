@@ -23,7 +23,7 @@ from edvo.noise import quieted
 from edvo.thresholds import STRONGEST, Scales, threshold_scales
 
 DOG_RATIO = 1.6  # of the two Gaussians: nearest to the Laplacian of a Gaussian (Marr 1980)
-BINOMIAL_PX, BINOMIAL_BITS = 5, 8  # the blur that a kernel does, and the bits that it adds
+BINOMIAL_PX = 5  # the blur that a kernel does
 PASS_PX2 = 2.0  # variance of a pass that blurs an image by more
 _Grey = TypeVar("_Grey", np.uint8, np.float32)
 NO_TABLE = np.empty((0, 0, 2), np.float32)
@@ -55,6 +55,9 @@ class EdgePixels:
     gradients: NDArray[np.float32]
     depths: NDArray[np.float32]
     profiles: NDArray[np.float32] = field(default_factory=lambda: NO_PROFILES)
+    _projected: list[tuple[Camera, NDArray[np.float64]]] = field(
+        default_factory=list, init=False, repr=False, compare=False
+    )
 
     def __len__(self) -> int:
         return len(self.pixels)
@@ -145,12 +148,17 @@ class EdgePixels:
         Returns
         -------
         ndarray of float64, shape (N, 3)
-            Metres.
+            Metres; the same array each time, as it is asked for several times a frame: copy what
+            you want to write to.
         """
+        for known, points in self._projected:
+            if known is camera:
+                return points
         points = np.empty((len(self.depths), 3))
         kernels.back_project(
             self.pixels, self.depths, camera.fx, camera.fy, camera.cx, camera.cy, points
         )
+        self._projected[:] = [(camera, points)]
         return points
 
 
@@ -459,14 +467,13 @@ def slopes(
     """
     steps = config.grey_steps
     if config.blur_px == BINOMIAL_PX and min(grey.shape) > 2:
-        bits = np.int32(BINOMIAL_BITS - (steps.bit_length() - 1))
         if passes:
             here, there = buffers.wide
             kernels.widely_blurred_gradients(
-                grey, bits, passes, here, there, buffers.du, buffers.dv
+                grey, np.int32(steps), passes, here, there, buffers.du, buffers.dv
             )
         else:
-            kernels.blurred_gradients(grey, bits, buffers.du, buffers.dv)
+            kernels.blurred_gradients(grey, np.int32(steps), buffers.du, buffers.dv)
     elif steps == 1:
         cv2.spatialGradient(_blurred(grey, config, passes), buffers.du, buffers.dv)
     else:

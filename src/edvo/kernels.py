@@ -347,12 +347,21 @@ def structured_light_noise(
 
 @compiled
 def count_strengths(dx: I16, dy: I16, step: int, counts: I32) -> None:
-    """Add every step-th pixel to the number of those with its |dx| + |dy|, or more in the last."""
-    most = np.int64(counts.size - 1)
+    """Add every step-th pixel to the number of those with its |dx| + |dy|, or more in the last.
+
+    On four lists in turn: of a plain image most go to the same few, each of which would have to
+    wait for the one before.
+    """
+    most, four = np.int64(counts.size - 1), place(4)
+    apart = np.zeros((4, counts.size), np.int32)
+    turn = place(0)
     for v in range(step // 2, dx.shape[0], step):
         for u in range(step // 2, dx.shape[1], step):
             strength = np.abs(np.int64(dx[v, u])) + np.abs(np.int64(dy[v, u]))
-            counts[place(min(strength, most))] += 1
+            apart[turn % four, place(min(strength, most))] += 1
+            turn += place(1)
+    for i in range(counts.size):
+        counts[i] += apart[0, i] + apart[1, i] + apart[2, i] + apart[3, i]
 
 
 @lean
@@ -618,20 +627,23 @@ def sum_columns(a: U8, b: U8, c: U8, d: U8, e: U8, sums: I16) -> None:
 
 
 @lean_float
-def blur_row(sums: I16, bits: np.int32, smooth: I16) -> None:
-    """Do the same along a row, rounded to so many bits less, behind the first place.
+def blur_row(sums: I16, steps: np.int32, smooth: I16) -> None:
+    """Do the same along a row, rounded to so many steps a grey level, behind the first place.
 
-    Sums are at most 16 x 16 x 255, so that 16 bits without a sign hold them: more of these fit into
-    a vector.
+    Sums are 256 a grey level, 16 x 16 x 255 at most, so that 16 bits without a sign hold them. They
+    are shifted by a product whose upper half remains: a shift by as much as one likes would be done
+    in numbers of which fewer fit into a vector.
     """
     short = np.uint16
-    four, six, half = short(4), short(6), short((np.int32(1) << bits) >> np.int32(1))
+    four, six, half = short(4), short(6), short(np.int32(128) // steps)
+    times, upper = short(np.int32(256) * steps), np.uint32(16)
     for u in range(smooth.size - 2):
         outer = short(short(sums[u]) + short(sums[u + 4]))
         inner = short(short(sums[u + 1]) + short(sums[u + 3]))
         total = short(outer + short(four * inner))
-        total = short(total + short(six * short(sums[u + 2])))
-        smooth[u + 1] = np.int16(short(short(total + half) >> short(bits)))
+        total = short(short(total + short(six * short(sums[u + 2]))) + half)
+        product = np.uint32(np.uint32(total) * np.uint32(times))
+        smooth[u + 1] = np.int16(short(product >> upper))
 
 
 @lean_float
@@ -650,7 +662,7 @@ def slope_row(above: I16, here: I16, below: I16, du: I16, dv: I16) -> None:
 
 
 @lean
-def blur_at(grey: U8, row: int, bits: np.int32, sums: I16, smooth: I16) -> None:
+def blur_at(grey: U8, row: int, steps: np.int32, sums: I16, smooth: I16) -> None:
     """Blur a row of an image with 1, 4, 6, 4 and 1 both ways, with one pixel more at either end.
 
     Beyond the borders the image is mirrored about its outermost pixels.
@@ -661,22 +673,22 @@ def blur_at(grey: U8, row: int, bits: np.int32, sums: I16, smooth: I16) -> None:
     sum_columns(grey[top], grey[above], grey[row], grey[below], grey[bottom], sums)
     sums[0], sums[1] = sums[4], sums[3]
     sums[width + 2], sums[width + 3] = sums[width], sums[width - 1]
-    blur_row(sums, bits, smooth)
+    blur_row(sums, steps, smooth)
     smooth[0], smooth[width + 1] = smooth[2], smooth[width - 1]
 
 
 @compiled
-def blurred_gradients(grey: U8, bits: np.int32, du: I16, dv: I16) -> None:
+def blurred_gradients(grey: U8, steps: np.int32, du: I16, dv: I16) -> None:
     """Blur an image with 1, 4, 6, 4 and 1 along columns and rows, and write Sobel's gradients.
 
-    In one pass, row by row. Of the 256 steps that a grey level then has all but so many bits stay.
+    In one pass, row by row. Of the 256 steps that a grey level then has so many stay, 1, 2, 4 or 8.
     It has three rows and columns at least.
     """
     height, width = grey.shape
     sums, rows = np.empty(width + 4, np.int16), np.empty((3, width + 2), np.int16)
     for row in range(height + 1):
         if row < height:
-            blur_at(grey, row, bits, sums, rows[row % 3])
+            blur_at(grey, row, steps, sums, rows[row % 3])
         if row > 0:
             before = abs(row - 2)
             after = row if row < height else height - 2
@@ -707,7 +719,7 @@ def widen_row(sums: I16, wide: I16) -> None:
 
 @compiled
 def widely_blurred_gradients(
-    grey: U8, bits: np.int32, passes: int, here: I16, there: I16, du: I16, dv: I16
+    grey: U8, steps: np.int32, passes: int, here: I16, there: I16, du: I16, dv: I16
 ) -> None:
     """Blur an image as `blurred_gradients` does, and then with 1, 0, 2, 0 and 1, so many times.
 
@@ -717,7 +729,7 @@ def widely_blurred_gradients(
     height, width = grey.shape
     sums = np.empty(width + 4, np.int16)
     for row in range(height):
-        blur_at(grey, row, bits, sums, here[row])
+        blur_at(grey, row, steps, sums, here[row])
     for _ in range(passes):
         for row in range(height):
             above, below = abs(row - 2), height - 1 - abs(height - 3 - row)
@@ -753,27 +765,31 @@ def thin_row(
     """Mark the pixels of a row that are the strongest of three along their gradient.
 
     Of a pixel as strong as its neighbour the one to the left, or above, is taken, and along a
-    diagonal neither. All pixels are worked out alike, without a branch, on vectors.
+    diagonal neither. All pixels are worked out alike, without a branch, on vectors. Gradients are
+    8188 at most, so that 16 bits hold 1 + sqrt(2) times as much.
     """
-    one, bits, tangent = np.int32(1), np.int32(TAN_BITS), np.int32(TAN_22_5_FIXED)
+    tangent, one, none = np.uint32(TAN_22_5_FIXED * 2), np.int16(1), np.int16(0)  # 16 bits of it
+    most = np.int32(2**15 - 1)
+    weakest, strongest = np.int16(min(low, most)), np.int16(min(high, most))
     for u in range(marks.size):
-        gu, gv = np.int32(du[u]), np.int32(dv[u])
-        wide, high_up = np.int32(abs(gu)), np.int32(abs(gv) << bits)
-        turned = np.int32(wide * tangent)  # by 22.5 degrees; tan 67.5 is greater by 2
-        steeper = np.int32(turned + np.int32(wide << np.int32(bits + one)))
-        level, steep = high_up < turned, high_up > steeper
-        falls = np.int32(gu ^ gv) >= np.int32(0)
-        strength = np.int32(here[u + 1])
-        left, right = np.int32(here[u]), np.int32(here[u + 2])
-        over, under = np.int32(above[u + 1]), np.int32(below[u + 1])
-        over_left, under_right = np.int32(above[u]), np.int32(below[u + 2])
-        over_right, under_left = np.int32(above[u + 2]), np.int32(below[u])
+        gu, gv = du[u], dv[u]
+        wide, high_up = np.int16(max(gu, np.int16(-gu))), np.int16(max(gv, np.int16(-gv)))
+        # turned by 22.5 degrees, cut to a whole number; tan 67.5 is greater by 2
+        turned = np.int16(np.uint32(np.uint32(np.uint16(wide)) * tangent) >> np.uint32(16))
+        steeper = np.int16(turned + np.int16(wide + wide))
+        level, steep = high_up <= turned, high_up > steeper
+        falls = np.int16(gu ^ gv) >= none
+        strength, left, right = here[u + 1], here[u], here[u + 2]
+        over, under = above[u + 1], below[u + 1]
+        over_left, under_right = above[u], below[u + 2]
+        over_right, under_left = above[u + 2], below[u]
         before = over_left if falls else over_right
-        after = np.int32((under_right if falls else under_left) + one)  # as strong is too strong
+        after = under_right if falls else under_left
+        after = np.int16(after + one)  # along a diagonal one as strong is too strong
         before, after = over if steep else before, under if steep else after
         before, after = left if level else before, right if level else after
-        top = (strength > low) & (strength > before) & (strength >= after)
-        mark = STRONG if strength > high else WEAK
+        top = (strength > weakest) & (strength > before) & (strength >= after)
+        mark = STRONG if strength > strongest else WEAK
         marks[u] = mark if top else np.uint8(0)
 
 
@@ -805,16 +821,16 @@ def list_set(words: NDArray[np.uint64], hits: I32, listed: I32, marks: U8) -> np
 
 
 @lean_float
-def mark_seeds(above: U8, here: U8, below: U8, seeds: U8) -> None:
-    """Mark the weak pixels of a row that have a strong one among their eight neighbours."""
-    for u in range(here.size - 2):
-        beside = above[u] | above[u + 1] | above[u + 2] | here[u] | here[u + 2]
-        beside |= below[u] | below[u + 1] | below[u + 2]
-        seeds[u + 1] = np.uint8((here[u + 1] == WEAK) & (beside > WEAK))
-    last = here.size - 1
-    for u, inside in ((0, min(1, last)), (last, max(last - 1, 0))):
-        beside = above[u] | above[inside] | here[inside] | below[u] | below[inside]
-        seeds[u] = np.uint8((here[u] == WEAK) & (beside > WEAK))
+def mark_seeds_within(above: U8, here: U8, below: U8, seeds: U8) -> None:
+    """Mark weak pixels with a strong one among their eight neighbours, from the second on.
+
+    Of all rows at once, as if each went on in the next, so that all is done on vectors. Those at
+    the ends of rows are not told right.
+    """
+    for i in range(seeds.size):
+        beside = above[i] | above[i + 1] | above[i + 2] | here[i] | here[i + 2]
+        beside |= below[i] | below[i + 1] | below[i + 2]
+        seeds[i] = np.uint8((here[i + 1] == WEAK) & (beside > WEAK))
 
 
 @lean_float
@@ -841,18 +857,44 @@ def is_beside_strong(marks: U8, i: np.int64, per_width: float, height: int, widt
 
 
 @lean
+def mark_seeds(marks: U8, seeds: U8) -> None:
+    """Mark the weak pixels of an image that have a strong one among their eight neighbours."""
+    height, width = marks.shape
+    flat, out = marks.reshape(-1), seeds.reshape(-1)
+    if height > 2:
+        inner = (height - 2) * width - 2
+        mark_seeds_within(flat, flat[width:], flat[2 * width :], out[width + 1 :][:inner])
+    per_width = 1 / width
+    for v in range(height):
+        step = 1 if v in (0, height - 1) or width < 2 else width - 1
+        for u in range(0, width, step):
+            i = v * width + u
+            out[i] = flat[i] == WEAK and is_beside_strong(flat, i, per_width, height, width)
+
+
+@lean
+def strengthen(marks: U8, k: np.int64, stack: I32, top: np.int64) -> np.int64:
+    """Mark a pixel, where weak, as strong, and stack it; without a branch. Returns the top."""
+    mark = marks[place(k)]
+    marks[place(k)] = STRONG if mark == WEAK else mark
+    stack[place(top)] = np.int32(k)  # overwritten, unless it counts
+    return top + np.int64(mark == WEAK)
+
+
+@lean
 def strengthen_beside(
     marks: U8, i: np.int64, per_width: float, height: int, width: int, stack: I32, top: np.int64
 ) -> np.int64:
     """Mark a pixel and its neighbours, where weak, as strong, and stack them; returns the top."""
     v, u = row_and_column(i, per_width, width)
+    if 0 < u < width - 1 and 0 < v < height - 1:
+        for j in (i - width, i, i + width):
+            for k in (j - 1, j, j + 1):
+                top = strengthen(marks, np.int64(k), stack, top)
+        return top
     for row in range(max(v - 1, 0), min(v + 2, height)):
         for col in range(max(u - 1, 0), min(u + 2, width)):
-            k = place(row * width + col)
-            if marks[k] == WEAK:
-                marks[k] = STRONG
-                stack[place(top)] = k
-                top += 1
+            top = strengthen(marks, np.int64(row * width + col), stack, top)
     return top
 
 
@@ -879,10 +921,7 @@ def canny_edges(du: I16, dv: I16, low: np.int32, high: np.int32, marks: U8, room
     size = marks.size
     begin = size + size % 2  # where eight marks at once are aligned
     seeds = room[begin:].view(np.uint8)[:size].reshape(height, width)
-    none = np.zeros(width, np.uint8)
-    for v in range(height):
-        over, under = marks[v - 1] if v > 0 else none, marks[v + 1] if v + 1 < height else none
-        mark_seeds(over, marks[v], under, seeds[v])
+    mark_seeds(marks, seeds)
     flat, seeds_flat = marks.reshape(-1), seeds.reshape(-1)
     words, hits = seeds_flat[: size // 8 * 8].view(np.uint64), room[begin + (size + 3) // 4 :]
     count = list_set(words, hits, room, seeds_flat)
@@ -2132,29 +2171,38 @@ def both(a: Sums, b: Sums) -> Sums:
 
 
 @lean_float
-def copy_patches(depth: F32, u: F64, v: F64, gu: F64, gv: F64, patches: F32) -> None:
+def copy_patches(
+    depth: F32, u: F64, v: F64, gu: F64, gv: F64, inside: F64, pixels: I32, patches: F32
+) -> None:
     """Copy the pixels to either side of edges at (u, v), those before it first, line by line.
 
-    Lines lie along the edge, across its gradient (gu, gv). ``patches`` is (pixels, N); all of them
-    are 0 where the image ends, or where there is no gradient.
+    Lines lie along the edge, across its gradient (gu, gv). ``patches`` is (pixels, N or more); all
+    of them are 0 where the image ends, or where there is no gradient. ``inside`` (4, N or more) and
+    ``pixels`` (N or more,) are room to work in: where pixels are is told on vectors.
     """
     height, width = depth.shape
-    reach = ACROSS + HALF_LENGTH
-    for k in range(place(u.size)):
-        u0, v0, across, down = u[k], v[k], gu[k], gv[k]
-        inside = reach <= u0 < width - 1 - reach and reach <= v0 < height - 1 - reach
+    flat, n, reach = depth.reshape(-1), place(u.size), ACROSS + HALF_LENGTH
+    cu, cv, across, down = inside[0], inside[1], inside[2], inside[3]
+    for k in range(n):
         # where there is no gradient it is no number
-        if not inside or not across * across + down * down < 2:
+        ok = (u[k] >= reach) & (u[k] < width - 1 - reach) & (v[k] >= reach)
+        ok = ok & (v[k] < height - 1 - reach) & (gu[k] * gu[k] + gv[k] * gv[k] < 2)
+        cu[k], cv[k] = u[k] if ok else reach, v[k] if ok else reach
+        across[k], down[k] = gu[k] if ok else 0.0, gv[k] if ok else 0.0
+    i = place(0)
+    for x in range(-ACROSS, ACROSS + 1):
+        for y in range(-HALF_LENGTH, HALF_LENGTH + 1):
+            for k in range(n):
+                row = np.int32(cv[k] + x * down[k] + 0.5 + y * across[k])
+                col = np.int32(cu[k] + x * across[k] + 0.5 - y * down[k])
+                pixels[k] = np.int32(np.int32(row * np.int32(width)) + col)
+            for k in range(n):
+                patches[i, k] = flat[place(pixels[k])]
+            i += place(1)
+    for k in range(n):
+        if across[k] == 0 and down[k] == 0:
             for j in range(patches.shape[0]):
                 patches[j, k] = 0
-            continue
-        i = place(0)
-        for x in range(-ACROSS, ACROSS + 1):
-            cu, cv = u0 + x * across + 0.5, v0 + x * down + 0.5
-            for y in range(-HALF_LENGTH, HALF_LENGTH + 1):
-                row, col = place(int(cv + y * across)), place(int(cu - y * down))
-                patches[i, k] = depth[row, col]
-                i += place(1)
 
 
 @lean_float
@@ -2239,6 +2287,7 @@ def fit_edge_depths(
     u, v, gu, gv = np.empty(most), np.empty(most), np.empty(most), np.empty(most)
     noise, near, found, known = np.empty(most), np.empty(most), np.empty(most), np.empty(most)
     asked, shifts = np.empty(most, np.int64), np.zeros((most, 3))
+    inside, place_of = np.empty((4, most)), np.empty(most, np.int32)
     window = room_for_window(radius)
     for first in range(0, depths.size, PATCHES):
         count = min(depths.size - first, PATCHES)
@@ -2268,7 +2317,8 @@ def fit_edge_depths(
                 noise[asking], near[asking] = sigma[k], known[i] + dz
                 asked[asking] = i
                 asking += 1
-            copy_patches(depth, u[:asking], v[:asking], gu, gv, patches)
+            at_u, at_v = u[:asking], v[:asking]
+            copy_patches(depth, at_u, at_v, gu, gv, inside, place_of, patches)
             depths_across(patches, noise, near[:asking], found)
             count = 0
             for j in range(asking):
@@ -2319,6 +2369,7 @@ def drop_strays(
     table: F32,
     camera: Pinhole,
     T_depth_cam: F64,
+    delayed: bool,
     ring: I32,
     gap: float,
     depths: F32,
@@ -2334,12 +2385,31 @@ def drop_strays(
         if z <= 0:
             continue
         v0, u0 = row_and_column(np.int64(index[i]), per_width, width)
-        du, dv, dz = shift_pixel(
-            np.float64(pixels[i, 0]), np.float64(pixels[i, 1]), z, camera, T_depth_cam
-        )
+        du, dv, dz = 0.0, 0.0, 0.0
+        if delayed:
+            u, v = np.float64(pixels[i, 0]), np.float64(pixels[i, 1])
+            du, dv, dz = shift_pixel(u, v, z, camera, T_depth_cam)
         col, row = int(np.floor(u0 + du + 0.5)), int(np.floor(v0 + dv + 0.5))
         if is_stray(depth, col, row, z + dz, ring, gap):
             depths[i] = np.float32(0)
+
+
+@compiled
+def drop_far_nearer(depths: F32, share: float, times: float) -> None:
+    """Write 0 for depths (m) nearer than one over ``times`` of what all but that share are away.
+
+    The share is of those that are known, above 0, and at most so many are dropped.
+    """
+    known, count = np.empty(depths.size, np.float32), place(0)
+    for i in range(place(depths.size)):
+        known[count] = depths[i]  # overwritten, unless it counts
+        count += place(depths[i] > 0)
+    few = int(share * np.int64(count))
+    if few == 0:
+        return
+    bar, so_many = smallest(known[:count], few), np.float32(times)
+    for i in range(depths.size):
+        depths[i] = np.float32(0) if so_many * depths[i] < bar else depths[i]
 
 
 @lean
@@ -4085,9 +4155,8 @@ def usual_change(
         for line in range(LINE_DIRECTIONS):
             among = place(0)
             for i in range(place(count)):
-                if lines[i] == line:
-                    some[among] = values[i]
-                    among += place(1)
+                some[among] = values[i]  # overwritten, unless it counts
+                among += place(lines[i] == line)
             if among >= OF_A_LINE:
                 change.middle[line, c] = median(some[:among])
                 continue

@@ -127,6 +127,7 @@ def sample_edges(
             depths,
         )
     if edges_config.strays == "left-out":
-        drop_strays(described.pixels, raw, depth, camera, table, T_depth_cam, gap, depths)
+        pixels = described.pixels
+        drop_strays(pixels, raw, depth, camera, table, T_depth_cam, delayed, gap, depths)
     agreed = depths > 0
     return described if agreed.all() else described.where(agreed)

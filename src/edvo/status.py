@@ -222,6 +222,25 @@ class Judge:
         """Why the fit is in doubt; empty where it is not."""
         return _misfit(alignment, self._status.doubt_inliers, self._status.doubt_agreeing)
 
+    def poor_start(self, alignment: Alignment) -> str:
+        """Say that neither edges nor depth fit well, for one of the first frames.
+
+        Parameters
+        ----------
+        alignment : Alignment
+
+        Returns
+        -------
+        str
+            Empty where one of both does.
+        """
+        misfit = _misfit(alignment, 0.0, self._status.first_agreeing)
+        if not misfit or not alignment.depth_balance or alignment.sigma_depth <= MILD_SIGMA:
+            return ""
+        return (
+            f"{misfit}, just begun, and depth is off by {alignment.sigma_depth:.0f} times its noise"
+        )
+
     def is_out_of_step(self, alignment: Alignment) -> bool:
         """Whether edges fit as a whole, but depth so badly that it cannot tell what stands still.
 

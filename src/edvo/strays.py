@@ -55,13 +55,14 @@ def drop_strays(
     camera: Camera,
     table: NDArray[np.float32],
     T_depth_cam: NDArray[np.float64],
+    delayed: bool,
     gap: float,
     depths: NDArray[np.float32],
 ) -> None:
     """Write 0 for stray depths of edges, and then for the few that are far nearer than the rest.
 
-    These are of larger specks; or of a cable before the lens, which would tell much of the pose,
-    but less than specks would spoil.
+    Nearer than a third of what all but a fiftieth are away. These are of larger specks; or of a
+    cable before the lens, which would tell much of the pose, but less than specks would spoil.
 
     Parameters
     ----------
@@ -75,38 +76,18 @@ def drop_strays(
     table : ndarray of float32, shape (H, W, 2) or (0, 0, 2)
         Its ideal pixels; empty where it does not distort.
     T_depth_cam : ndarray of float64, shape (4, 4)
-        Maps points to the camera at the instant of the depth image.
+        Maps points to the camera at the instant of the depth image, where that is another:
+    delayed : bool
+        Whether it is.
     gap : float
         The relative step between two surfaces.
     depths : ndarray of float32, shape (N,)
         Metres, 0 where missing.
     """
-    left = depths.copy()
+    left, around = depths.copy(), ring(camera.width)
     kernels.drop_strays(
-        pixels, index, depth, table, camera_of(camera), T_depth_cam, ring(camera.width), gap, left
+        pixels, index, depth, table, camera_of(camera), T_depth_cam, delayed, around, gap, left
     )
-    left[far_nearer(left)] = 0
+    kernels.drop_far_nearer(left, NEAREST, TIMES)
     if np.count_nonzero(left) >= LEAST * np.count_nonzero(depths):
         depths[:] = left
-
-
-def far_nearer(depths: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Tell the edges that are nearer than a third of what all but a fiftieth are away.
-
-    Parameters
-    ----------
-    depths : ndarray of float32, shape (N,)
-        Metres, 0 where missing.
-
-    Returns
-    -------
-    ndarray of bool, shape (N,)
-        At most a fiftieth of those that have a depth.
-    """
-    is_known = depths > 0
-    known = depths[is_known]
-    few = int(NEAREST * len(known))
-    if not few:
-        return np.zeros(len(depths), np.bool_)
-    near: NDArray[np.bool_] = is_known & (TIMES * depths < kernels.smallest(known, few))
-    return near
