@@ -67,7 +67,7 @@ class Assessor:
         expected = self._asks_scatter and sure
         if said[0] is not Status.LOST and expected and self.leaps(alignment, timestamp):
             return Status.LOST, LEAPT
-        if said[0] is Status.TRACKED and self._doubt.has_just_begun(timestamp):
+        if said[0] is Status.TRACKED and follows and self._doubt.has_just_begun(timestamp):
             poor = self._judge.poor_start(alignment)
             return (Status.DEGRADED, poor) if poor else said
         return said

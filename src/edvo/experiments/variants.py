@@ -176,6 +176,8 @@ VARIANTS = (
     Variant("edges that scatter at once: anew", ("status.edge_jump=2.5",)),
     Variant("agreeing gradients: not asked", ("status.min_agreeing=0", "status.doubt_agreeing=0")),
     Variant("agreeing gradients: asked", ("status.min_agreeing=0.4", "status.doubt_agreeing=0.5")),
+    Variant("the first second: as any other", ("status.first_agreeing=0",)),
+    Variant("the first second: edges or depth have to fit", ("status.first_agreeing=0.67",)),
 )
 """Changes of every part, whatever the preset."""
 
