@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -78,7 +80,7 @@ def marked(du, dv, low, high):
 @pytest.mark.parametrize(
     "shape", [(48, 64), (37, 49), (5, 7), (2, 9), (9, 2), (1, 8), (8, 1), (1, 1)]
 )
-@pytest.mark.parametrize("most", [3, 40, 1020])
+@pytest.mark.parametrize("most", [3, 40, 1020, 8188])
 def test_edges_are_marked_as_opencv_does_for_any_gradients(shape, most):
     """Few values, many ties; and edges up to the border."""
     rng = np.random.default_rng(most)
@@ -86,6 +88,18 @@ def test_edges_are_marked_as_opencv_does_for_any_gradients(shape, most):
         for _ in range(6):
             du, dv = rng.integers(-most, most + 1, (2, *shape), np.int16)
             np.testing.assert_array_equal(*marked(du, dv, low, high))
+
+
+def test_points_are_found_once_for_a_camera():
+    samples = problems.random_edges(np.random.default_rng(0), 20)
+    samples = replace(samples, depths=np.full(20, 2, np.float32))
+    camera, other = problems.CAMERA, replace(problems.CAMERA, fx=2 * problems.CAMERA.fx)
+    points = samples.points(camera)
+    assert samples.points(camera) is points
+    np.testing.assert_allclose(samples.points(other)[:, 2], points[:, 2])
+    assert np.abs(samples.points(other)[:, 0] - points[:, 0]).max() > 0.01
+    np.testing.assert_array_equal(samples.points(camera), points)
+    assert len(samples.every(2).points(camera)) == 10
 
 
 def test_above_a_threshold_that_nothing_reaches_there_is_no_edge():

@@ -236,13 +236,13 @@ class Course:
         -------
         (ndarray of float64, shape (4, 4), float)
         """
-        T_world_key, period = self.key.T_world_key, self.period(timestamp)
         if self.is_blind and self.anchor is not None:
-            T_anchor_key = se3.inverse(self.anchor[1]) @ T_world_key
-            return T_anchor_key @ T_key_cur, self.unseen(timestamp)
+            T_world_cur = self.key.T_world_key @ T_key_cur
+            return se3.inverse(self.anchor[1]) @ T_world_cur, self.unseen(timestamp)
+        period = self.period(timestamp)
         if self.stood is not None:
-            T_stood_key = se3.inverse(self.stood[1]) @ T_world_key
-            return T_stood_key @ T_key_cur, max(timestamp - self.stood[0], period)
+            T_world_cur = self.key.T_world_key @ T_key_cur
+            return se3.inverse(self.stood[1]) @ T_world_cur, max(timestamp - self.stood[0], period)
         return se3.inverse(self.T_key_last) @ T_key_cur, period
 
     def step(

@@ -904,9 +904,9 @@ def canny_edges(du: I16, dv: I16, low: np.int32, high: np.int32, marks: U8, room
 
     In less time, above all where there are many: that one asks pixel by pixel, and starts from
     each strong one; here all are thinned alike, and it starts from weak ones that have a strong one
-    beside them, which are few. Gradients are those of an image of eleven bits at most: |du| + |dv|
-    stays below 2^15. ``marks`` becomes 255 on edges, else 0; ``room`` to work in is for two entries
-    a pixel, and one more.
+    beside them, which are few. Gradients are those of an image of eleven bits at most: 8188 either
+    way. ``marks`` becomes 255 on edges, else 0; ``room`` to work in is for two entries a pixel, and
+    one more.
     """
     height, width = du.shape
     rows = np.zeros((3, width + 2), np.int16)
@@ -2187,7 +2187,7 @@ def copy_patches(
         # where there is no gradient it is no number
         ok = (u[k] >= reach) & (u[k] < width - 1 - reach) & (v[k] >= reach)
         ok = ok & (v[k] < height - 1 - reach) & (gu[k] * gu[k] + gv[k] * gv[k] < 2)
-        cu[k], cv[k] = u[k] if ok else reach, v[k] if ok else reach
+        cu[k], cv[k] = u[k] if ok else 0.0, v[k] if ok else 0.0
         across[k], down[k] = gu[k] if ok else 0.0, gv[k] if ok else 0.0
     i = place(0)
     for x in range(-ACROSS, ACROSS + 1):

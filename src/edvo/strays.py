@@ -76,9 +76,9 @@ def drop_strays(
     table : ndarray of float32, shape (H, W, 2) or (0, 0, 2)
         Its ideal pixels; empty where it does not distort.
     T_depth_cam : ndarray of float64, shape (4, 4)
-        Maps points to the camera at the instant of the depth image, where that is another:
+        Maps points to the camera at the instant of the depth image.
     delayed : bool
-        Whether it is.
+        Whether that is another than the edges'; else all is looked up where they are.
     gap : float
         The relative step between two surfaces.
     depths : ndarray of float32, shape (N,)
