@@ -35,8 +35,8 @@ def depth_across(depth, u, v, gu, gv, sigma, z):
     """Depth of one edge."""
     patches, found = np.empty((21, 1), np.float32), np.empty(1)
     u, v, gu, gv, sigma, z = (np.array([each], float) for each in (u, v, gu, gv, sigma, z))
-    inside, at = np.empty((4, len(u))), np.empty(len(u), np.int32)
-    kernels.copy_patches(depth, u, v, gu, gv, inside, at, patches)
+    lines, flat_index = np.empty((4, len(u))), np.empty(len(u), np.int32)
+    kernels.copy_patches(depth, u, v, gu, gv, lines, flat_index, patches)
     kernels.depths_across(patches, sigma, z, found)
     return float(found[0])
 

@@ -125,7 +125,7 @@ def far_nearer(depths):
 @given(
     st.lists(st.floats(4, 10), min_size=150, max_size=300),
     st.lists(st.floats(0.5, 1), max_size=6),
-    st.integers(0, 20),
+    st.integers(0, 400),
 )
 def test_what_is_far_nearer_is_told_as_long_as_it_is_a_fiftieth(far, near, missing):
     depths = np.array([*far, *near, *[0.0] * missing], np.float32)

@@ -229,7 +229,7 @@ class Doubt:
                 self._witness.remember(seen.frame.timestamp, T_world_cam, surface)
 
     def has_just_begun(self, timestamp: float) -> bool:
-        """Whether it is so little since the first frame that nothing is known as a rule.
+        """Whether the first frame is so recent that how well things fit as a rule is not known.
 
         Parameters
         ----------

@@ -55,7 +55,7 @@ class EdgePixels:
     gradients: NDArray[np.float32]
     depths: NDArray[np.float32]
     profiles: NDArray[np.float32] = field(default_factory=lambda: NO_PROFILES)
-    _projected: list[tuple[Camera, NDArray[np.float64]]] = field(
+    _points: list[tuple[Camera, NDArray[np.float64]]] = field(
         default_factory=list, init=False, repr=False, compare=False
     )
 
@@ -151,14 +151,14 @@ class EdgePixels:
             Metres; the same array each time, as it is asked for several times a frame: copy what
             you want to write to.
         """
-        for known, points in self._projected:
+        for known, points in self._points:
             if known is camera:
                 return points
         points = np.empty((len(self.depths), 3))
         kernels.back_project(
             self.pixels, self.depths, camera.fx, camera.fy, camera.cx, camera.cy, points
         )
-        self._projected[:] = [(camera, points)]
+        self._points[:] = [(camera, points)]
         return points
 
 

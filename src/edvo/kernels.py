@@ -2172,17 +2172,17 @@ def both(a: Sums, b: Sums) -> Sums:
 
 @lean_float
 def copy_patches(
-    depth: F32, u: F64, v: F64, gu: F64, gv: F64, inside: F64, pixels: I32, patches: F32
+    depth: F32, u: F64, v: F64, gu: F64, gv: F64, lines: F64, flat_index: I32, patches: F32
 ) -> None:
     """Copy the pixels to either side of edges at (u, v), those before it first, line by line.
 
     Lines lie along the edge, across its gradient (gu, gv). ``patches`` is (pixels, N or more); all
-    of them are 0 where the image ends, or where there is no gradient. ``inside`` (4, N or more) and
-    ``pixels`` (N or more,) are room to work in: where pixels are is told on vectors.
+    of them are 0 where the image ends, or where there is no gradient. ``lines`` (4, N or more) and
+    ``flat_index`` (N or more,) are room to work in: where pixels are is told on vectors.
     """
     height, width = depth.shape
     flat, n, reach = depth.reshape(-1), place(u.size), ACROSS + HALF_LENGTH
-    cu, cv, across, down = inside[0], inside[1], inside[2], inside[3]
+    cu, cv, across, down = lines[0], lines[1], lines[2], lines[3]
     for k in range(n):
         # where there is no gradient it is no number
         ok = (u[k] >= reach) & (u[k] < width - 1 - reach) & (v[k] >= reach)
@@ -2195,9 +2195,9 @@ def copy_patches(
             for k in range(n):
                 row = np.int32(cv[k] + x * down[k] + 0.5 + y * across[k])
                 col = np.int32(cu[k] + x * across[k] + 0.5 - y * down[k])
-                pixels[k] = np.int32(np.int32(row * np.int32(width)) + col)
+                flat_index[k] = np.int32(np.int32(row * np.int32(width)) + col)
             for k in range(n):
-                patches[i, k] = flat[place(pixels[k])]
+                patches[i, k] = flat[place(flat_index[k])]
             i += place(1)
     for k in range(n):
         if across[k] == 0 and down[k] == 0:
@@ -2287,7 +2287,7 @@ def fit_edge_depths(
     u, v, gu, gv = np.empty(most), np.empty(most), np.empty(most), np.empty(most)
     noise, near, found, known = np.empty(most), np.empty(most), np.empty(most), np.empty(most)
     asked, shifts = np.empty(most, np.int64), np.zeros((most, 3))
-    inside, place_of = np.empty((4, most)), np.empty(most, np.int32)
+    lines, flat_index = np.empty((4, most)), np.empty(most, np.int32)
     window = room_for_window(radius)
     for first in range(0, depths.size, PATCHES):
         count = min(depths.size - first, PATCHES)
@@ -2318,7 +2318,7 @@ def fit_edge_depths(
                 asked[asking] = i
                 asking += 1
             at_u, at_v = u[:asking], v[:asking]
-            copy_patches(depth, at_u, at_v, gu, gv, inside, place_of, patches)
+            copy_patches(depth, at_u, at_v, gu, gv, lines, flat_index, patches)
             depths_across(patches, noise, near[:asking], found)
             count = 0
             for j in range(asking):
