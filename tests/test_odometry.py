@@ -371,6 +371,21 @@ def test_what_takes_long_goes_on_in_frames_that_have_time(room, monkeypatch, bus
     assert when == then  # nor in that which finishes one
 
 
+def test_a_camera_of_which_no_motion_is_known_starts_where_it_was(room):
+    frames, _ = room
+    odometry, starts = make(), []
+    locator = odometry._locator
+    for i, frame in enumerate(frames[:3]):
+        seen = odometry._front_end.see(frame, i)
+        if i:
+            starts.append(locator.starts(seen))
+        odometry.track(frame)
+    still, moving = starts
+    np.testing.assert_array_equal(still, np.eye(4)[None])
+    assert len(moving) == 2
+    assert not np.array_equal(*moving)
+
+
 def test_what_is_held_of_the_first_keyframe_is_a_copy(room):
     frames, _ = room
     depth = frames[0].depth.copy()

@@ -383,7 +383,9 @@ def test_of_several_starts_the_clearest_is_taken_if_it_is_clearer(crisp, monkeyp
 
     def result(T, count, share, width_px):
         residuals = np.where(np.arange(count) < share * count, width_px, 8.0)
-        return replace(crisp, T_ref_cur=T, residuals=residuals)
+        few = int(0.7 * count)  # as there is no need of other starts where more fit
+        matches = np.zeros(count, np.int32)
+        return replace(crisp, T_ref_cur=T, residuals=residuals, matches=matches, inliers=few)
 
     def align(edges, samples, starts, *given, **options):
         """From where it was found few are in their places, but these are clear."""
@@ -396,6 +398,55 @@ def test_of_several_starts_the_clearest_is_taken_if_it_is_clearer(crisp, monkeyp
     best = odometry._locator._sharpest(seen, start[None], odometry._fitter.term, found)
     np.testing.assert_array_equal(best.T_ref_cur, where_found)
     assert (best is not found) == is_clearer
+
+
+@pytest.mark.parametrize(
+    ("fitting", "width", "depth", "lost", "tries"),
+    [
+        (0.9, 1.0, 1.0, False, 2),
+        (0.7, 1.0, 1.0, False, 5),  # too few of its edges fit
+        (0.9, 3.0, 1.0, False, 5),  # no sharper there
+        (0.9, 1.0, 0.5, False, 5),  # depth fits worse
+        (0.9, 1.0, 1.0, True, 5),  # as the next stair may fit
+    ],
+)
+def test_where_nearly_all_edges_fit_no_other_start_is_tried(
+    crisp, monkeypatch, fitting, width, depth, lost, tries
+):
+    odometry = Aside(monkeypatch).odometry
+    seen = odometry._front_end.see(problems.sequence(30)[0][8], 8)
+    usual, n, counts = odometry._judge.scatter._usual_px, len(seen.samples), []
+    points, where_found = len(seen.points.sigma), se3.exp(np.full(6, 0.1))
+    found = replace(
+        crisp,
+        T_ref_cur=where_found,
+        inliers=int(fitting * n),
+        matches=np.zeros(n, np.int32),
+        residuals=np.full(n, 3 * usual),
+        plane_points=points,
+        sigma_depth=1.0,
+    )
+    monkeypatch.setattr(odometry._locator.assessor, "is_lost", lambda *given: lost)
+
+    def align(edges, samples, starts, *given, **options):
+        """From where it was found as told, from elsewhere as sharp but off the planes."""
+        counts.append(len(samples))
+        here = np.array_equal(starts[0], where_found)
+        return replace(
+            crisp,
+            T_ref_cur=starts[0],
+            residuals=np.full(len(samples), width * usual),
+            plane_points=int(points * (depth if here else 0.1)),
+            sigma_depth=1.0,
+        )
+
+    monkeypatch.setattr(odometry._registration, "align", align)
+    starts = np.array([np.eye(4), np.eye(4)])
+    best = odometry._locator._sharpest(seen, starts, odometry._fitter.term, found)
+    assert counts == [*[len(seen.samples.every(4))] * (tries - 1), n]
+    if tries == 2:
+        assert best is not found
+        np.testing.assert_array_equal(best.T_ref_cur, where_found)
 
 
 def test_depth_that_is_off_leads_back_to_the_planes(monkeypatch):

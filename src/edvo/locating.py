@@ -194,7 +194,7 @@ class Locator:
         course, timestamp = self._course, seen.frame.timestamp
         still = course.T_key_last
         starts = [still]
-        if self._config.motion.prior == "constant-velocity":
+        if self._config.motion.prior == "constant-velocity" and course.velocity.any():
             starts.insert(0, still @ course.ahead(timestamp))
         if course.losses:
             starts.append(np.eye(4))  # the camera may have come back to where the keyframe was
@@ -271,21 +271,28 @@ class Locator:
         Where light makes edges come and go at once, half of them belong to no edge of the
         keyframe: a scale that is taken from all of them lets them count. Depth knows no light, nor
         does it take one step of a stair for the next, so that one more start is where it leads from
-        the first. Few samples tell the best start.
+        the first. Few samples tell the best start; of what is not lost, and nearly all of whose
+        edges fit, it is where they do, if these are sharper there.
         """
-        key, scatter = self._course.key, self._judge.scatter
+        key, scatter, assessor = self._course.key, self._judge.scatter, self.assessor
+        timestamp = seen.frame.timestamp
 
         def align(part: Seen, start: NDArray[np.float64]) -> Alignment:
             return self.registrar.register(part, start[None], term, scatter.sharp_px)
 
-        by_depth = self._depth_alone.align(key, seen.samples, seen.points, starts[0])
         usual = thinned(seen.points, self._config.planes.point_step_px)
         few = replace(seen, samples=seen.samples.every(STRIDE), points=usual)
-        tried = [align(few, T) for T in (*starts, found.T_ref_cur, by_depth.T_ref_cur)]
-        best = align(seen, max(tried, key=clarity).T_ref_cur)
+        here = best = align(few, found.T_ref_cur)
+        thinning = len(seen.points.sigma) / max(len(usual.sigma), 1)
+        is_sure = found.inliers >= SURE * len(found.matches)
+        is_sure = is_sure and not assessor.is_lost(found, timestamp)
+        if not is_sure or not is_sharper(here, found, STRIDE, thinning):
+            by_depth = self._depth_alone.align(key, seen.samples, seen.points, starts[0])
+            begun = [align(few, T) for T in starts]
+            best = max((*begun, here, align(few, by_depth.T_ref_cur)), key=clarity)
+        best = align(seen, best.T_ref_cur)
         if is_sharper(best, found):
             return best
-        assessor, timestamp = self.assessor, seen.frame.timestamp
         # how depth fits where no camera can be is no measure
         is_free = assessor.is_impossible(found, timestamp) and not assessor.is_lost(best, timestamp)
         fits = is_clearer(best, found) and not self._judge.may_be_off(best)

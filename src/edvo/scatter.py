@@ -160,7 +160,9 @@ def _fitting(alignment: Alignment) -> float:
     return alignment.inliers / max(len(alignment.matches), 1)
 
 
-def is_sharper(alignment: Alignment, other: Alignment, stride: int = 1) -> bool:
+def is_sharper(
+    alignment: Alignment, other: Alignment, stride: int = 1, thinning: float | None = None
+) -> bool:
     """Whether a registration crowds edges more clearly in their places, and depth no worse.
 
     Light leaves two crowds of edges, and depth as it is; a shutter that rolls, or blur, widens
@@ -171,13 +173,16 @@ def is_sharper(alignment: Alignment, other: Alignment, stride: int = 1) -> bool:
     ----------
     alignment, other : Alignment
     stride : int, optional
-        The first is of one edge and point in so many.
+        The first is of one edge in so many.
+    thinning : float, optional
+        And of one point in so many; as of edges where not given.
 
     Returns
     -------
     bool
     """
-    no_worse = stride * fitting_depth(alignment) > NO_WORSE * fitting_depth(other)
+    times = stride if thinning is None else thinning
+    no_worse = times * fitting_depth(alignment) > NO_WORSE * fitting_depth(other)
     return no_worse and is_clearer(alignment, other, stride)
 
 
