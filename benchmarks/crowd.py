@@ -65,9 +65,7 @@ CROWDS = (
     ("crowd", "crowd", 1, 0, None),
     ("crowd, 5 s later", "crowd", 2, 150, None),
     ("crowd, fast, 10 s later", "crowd", 5, 300, 0.45),
-    ("other people", other_people(1), 1, 0, None),
-    ("other people", other_people(2), 2, 0, None),
-    ("other people", other_people(3), 3, 0, None),
+    *(("other people", other_people(seed), seed, 0, None) for seed in range(1, 10)),
     ("small hall", small_hall(), 3, 0, None),
     ("small hall, fast, 7 s later", small_hall(), 4, 200, 0.35),
 )

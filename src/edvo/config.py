@@ -592,9 +592,9 @@ class StatusConfig(Section):
     first_agreeing: Fraction = Field(
         default=0.67,
         description="that share in the second after the first frame, where frames follow closely "
-        "and depth, too, is off the keyframe's planes by more than 1.5 times its noise: how well "
-        "both fit as a rule is not known yet, and whoever walks by may fill the view. Not in the "
-        "paper",
+        "and edges scatter by more than half a pixel, or depth is off the keyframe's planes "
+        "by more than 1.5 times its noise: how well both fit as a rule is not known yet, and "
+        "whoever walks by may fill the view. Not in the paper",
     )
     edge_jump: NotNegative = Field(
         default=2.5,

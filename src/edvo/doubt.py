@@ -2,8 +2,8 @@
 
 Not in the paper. A pose may fit and be wrong. Something moves by itself, the view changes at once,
 a step is so far that it may have led elsewhere, a camera is found again that was lost from a pose
-in doubt, or a keyframe is made where hardly anything tells: what follows is held in doubt for a
-second, too.
+in doubt, or a keyframe is made where hardly anything tells or, just after the start, of what fitted
+poorly: what follows is held in doubt for a second, too.
 """
 
 import math
@@ -30,6 +30,7 @@ JUST_NOW_S = 0.1
 CALM, ASK_S = 0.25, 0.05  # less than that of max_conflict is none; then depth rests so long, s
 WRONG_M = 0.05  # that poses were off by, to be called wrong
 CHANGED = "less than a second ago the view had changed at once"
+BEGUN_POORLY = "just begun, and less than a second ago a keyframe was made of what fitted poorly"
 LONG_SURE_S = 3.0  # after so long in doubt a pose that was sure tells nothing
 
 
@@ -298,6 +299,20 @@ class Doubt:
         with self._clock("witness"):
             conflict = self._conflict(seen, alignment)[0]
         return self._limits.max_conflict < conflict <= self._limits.lost_conflict
+
+    def mind_start(self, alignment: Alignment, timestamp: float) -> None:
+        """Doubt the way on, where a frame of the first second is a keyframe that fitted poorly.
+
+        Later ones fit it, however far off it is.
+
+        Parameters
+        ----------
+        alignment : Alignment
+        timestamp : float
+            Seconds.
+        """
+        if self.has_just_begun(timestamp) and self._judge.poor_start(alignment):
+            self.cast_on_way(timestamp, BEGUN_POORLY)
 
     def mind_change(self, alignment: Alignment, timestamp: float) -> None:
         """Doubt what follows a frame that fits poorly what was seen just now.

@@ -511,6 +511,8 @@ class Odometry:
             tells_more=tells_more,
             has_time=has_time,
         )
+        if is_keyframe and follows:
+            doubt.mind_start(alignment, timestamp)
         if is_keyframe and self._inertia.is_adrift:
             doubt.cast_on_way(timestamp)
         if is_keyframe and (tells_more or self._inertia.is_adrift):

@@ -12,6 +12,7 @@ from edvo.planes import PlaneMap, PlanePoints
 from edvo.registration import FAILURES, Alignment
 from edvo.scatter import Scatter, fitting_depth
 
+MILD_PX = 0.5  # by which edges scatter, up to which that raises no doubt
 MILD_SIGMA = 1.5  # times the sensor's noise, up to which depth raises no doubt
 FADING = 0.97  # a frame, of the worst fit of depth seen of late
 MOST_UNASKED = 2  # frames in a row of the same depth, that what follows is pardoned for
@@ -223,7 +224,7 @@ class Judge:
         return _misfit(alignment, self._status.doubt_inliers, self._status.doubt_agreeing)
 
     def poor_start(self, alignment: Alignment) -> str:
-        """Say that neither edges nor depth fit well, for one of the first frames.
+        """Say that few edges agree and these scatter, or depth is off, for one of the first frames.
 
         Parameters
         ----------
@@ -232,14 +233,17 @@ class Judge:
         Returns
         -------
         str
-            Empty where one of both does.
+            Empty where that is not so.
         """
         misfit = _misfit(alignment, 0.0, self._status.first_agreeing)
-        if not misfit or not alignment.depth_balance or alignment.sigma_depth <= MILD_SIGMA:
+        if not misfit:
             return ""
-        return (
-            f"{misfit}, just begun, and depth is off by {alignment.sigma_depth:.0f} times its noise"
-        )
+        sigma, sigma_px = alignment.sigma_depth, alignment.sigma_px
+        if alignment.depth_balance and sigma > MILD_SIGMA:
+            return f"{misfit}, just begun, and depth is off by {sigma:.0f} times its noise"
+        if sigma_px > MILD_PX:
+            return f"{misfit}, just begun, and these scatter by {sigma_px:.1f} px"
+        return ""
 
     def is_out_of_step(self, alignment: Alignment) -> bool:
         """Whether edges fit as a whole, but depth so badly that it cannot tell what stands still.
