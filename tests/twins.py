@@ -1038,6 +1038,7 @@ def match_planes(planes, points, camera, T, term):
     """Normals over noise, points in the reference camera, and distances over noise."""
     Y = points.X @ T[:3, :3].T + T[:3, 3]
     pixel = Y[:, :2] / Y[:, 2:] * [camera.fx, camera.fy] + [camera.cx, camera.cy]
+    pixel[~np.isfinite(pixel)] = -1e6  # nowhere
     col, row = np.floor(pixel / planes.step + 0.5).astype(int).T
     inside = (col >= 0) & (col < planes.cols) & (row >= 0) & (row < planes.rows)
     k = np.where(inside, row * planes.cols + col, 0)

@@ -271,8 +271,8 @@ class Locator:
         Where light makes edges come and go at once, half of them belong to no edge of the
         keyframe: a scale that is taken from all of them lets them count. Depth knows no light, nor
         does it take one step of a stair for the next, so that one more start is where it leads from
-        the first. Few samples tell the best start; of what is not lost, and nearly all of whose
-        edges fit, it is where they do, if these are sharper there.
+        the first. Few samples tell the best start. Where nearly all edges fit what was found, it
+        is not lost, and they are sharper from there, no other is tried.
         """
         key, scatter, assessor = self._course.key, self._judge.scatter, self.assessor
         timestamp = seen.frame.timestamp
@@ -284,9 +284,8 @@ class Locator:
         few = replace(seen, samples=seen.samples.every(STRIDE), points=usual)
         here = best = align(few, found.T_ref_cur)
         thinning = len(seen.points.sigma) / max(len(usual.sigma), 1)
-        is_sure = found.inliers >= SURE * len(found.matches)
-        is_sure = is_sure and not assessor.is_lost(found, timestamp)
-        if not is_sure or not is_sharper(here, found, STRIDE, thinning):
+        unsure = found.inliers < SURE * len(found.matches) or assessor.is_lost(found, timestamp)
+        if unsure or not is_sharper(here, found, STRIDE, thinning):
             by_depth = self._depth_alone.align(key, seen.samples, seen.points, starts[0])
             begun = [align(few, T) for T in starts]
             best = max((*begun, here, align(few, by_depth.T_ref_cur)), key=clarity)

@@ -12,7 +12,7 @@ from edvo.planes import PlaneMap, PlanePoints
 from edvo.registration import FAILURES, Alignment
 from edvo.scatter import Scatter, fitting_depth
 
-MILD_PX = 0.5  # by which edges scatter, up to which that raises no doubt
+MILD_PX = 0.5  # of scatter, up to which edges raise no doubt
 MILD_SIGMA = 1.5  # times the sensor's noise, up to which depth raises no doubt
 FADING = 0.97  # a frame, of the worst fit of depth seen of late
 MOST_UNASKED = 2  # frames in a row of the same depth, that what follows is pardoned for
