@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from edvo import se3
+from edvo.anew import Chain
 from edvo.config import Config
 from edvo.evaluation.honesty import error_speed
 from edvo.frame import Frame
@@ -52,6 +53,50 @@ def lost_and_elsewhere(office, elsewhere, *overrides, preset="default"):
     for k in range(3):
         odometry.skip(t + k * LOST_S / 3, "no depth")
     return odometry, [odometry.track(frame) for frame in later(elsewhere[0], t + LOST_S)]
+
+
+def test_images_are_held_against_one_another_from_how_fast_it_went_too(
+    office, elsewhere, monkeypatch
+):
+    """From where it was alone, a step is the wrong one where things repeat."""
+    follow, begun = Chain._follows, []
+
+    def spied(chain, last, seen):
+        align = chain._registration.align
+
+        def noted(edges, samples, starts, *given, **options):
+            begun.append((starts, seen.frame.timestamp - last.timestamp))
+            return align(edges, samples, starts, *given, **options)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(chain._registration, "align", noted)
+            velocity = follow(chain, last, seen)
+        begun.append(velocity)
+        return velocity
+
+    monkeypatch.setattr(Chain, "_follows", spied)
+    lost_and_elsewhere(office, elsewhere)
+    (first, _), velocity, (second, period) = begun[:3]
+    np.testing.assert_array_equal(first, np.eye(4)[None])
+    np.testing.assert_array_equal(second, [np.eye(4), se3.exp(velocity * period)])
+
+
+def test_what_did_not_follow_says_nothing_of_how_fast_it_goes(office, elsewhere, monkeypatch):
+    odometry, _ = lost_and_elsewhere(office, elsewhere)
+    chain = odometry._recovery._chain
+    seen = [odometry._front_end.see(each, k) for k, each in enumerate(later(elsewhere[0][:4], 9.0))]
+    keyframes = [odometry._front_end.keyframe(each, k, np.eye(4), 0) for k, each in enumerate(seen)]
+    for each, keyframe in zip(seen[:2], keyframes[:2], strict=True):
+        chain.join(each, keyframe)
+    assert chain._velocity is not None
+    with monkeypatch.context() as patch:
+        patch.setattr(chain, "_follows", lambda last, seen: None)
+        chain.join(seen[2], keyframes[2])
+    assert chain._velocity is None
+    chain.join(seen[3], keyframes[3])
+    assert chain._velocity is not None
+    chain.forget()
+    assert chain._velocity is None
 
 
 def test_it_begins_anew_once_images_have_fitted_one_another_for_half_a_second(office, elsewhere):

@@ -55,6 +55,7 @@ class Chain:
     def forget(self) -> None:
         """Begin to wait anew."""
         self._last: Keyframe | None = None
+        self._velocity: NDArray[np.float64] | None = None
         self._since, self._broken = math.inf, -math.inf
 
     def rests(self, timestamp: float) -> bool:
@@ -89,6 +90,7 @@ class Chain:
         """
         last, self._last = self._last, this
         velocity = None if last is None else self._follows(last, seen)
+        self._velocity = velocity
         if velocity is None:
             self._since = this.timestamp
             self._broken = -math.inf if last is None else this.timestamp
@@ -108,8 +110,16 @@ class Chain:
             if self._judge.judge_alone(found, len(seen.points.sigma), *speed):
                 return None
             return np.zeros(6)  # a wall does not say how a camera moves along it
+        starts = [np.eye(4)]
+        if self._velocity is not None and period <= NEAR_S:  # for so long it is kept
+            starts.append(se3.exp(self._velocity * period))
         found = self._registration.align(
-            last.edges, seen.samples, np.eye(4)[None], last.planes, seen.points, self._fitter.term
+            last.edges,
+            seen.samples,
+            np.stack(starts),
+            last.planes,
+            seen.points,
+            self._fitter.term,
         )
         if period > NEAR_S:
             found = self._search.around(last, np.eye(4), seen, found)
