@@ -119,6 +119,7 @@ def noted(shared_px, shared_depth, **changes):
             depth_balance=1.0,
             sigma_depth=math.hypot(0.3, shared_depth),
             plane_points=1200,
+            plane_inliers=1200,
         )
         errors.note(reference, seen, 0.03, *wall(shared_depth, seed=k))
     return errors
@@ -154,6 +155,7 @@ def test_of_fine_points_as_many_tell_what_they_share():
             depth_balance=1.0,
             sigma_depth=0.5,
             plane_points=4800,
+            plane_inliers=4800,
         )
         errors.note(reference, seen, 0.03, planes, four, term)
     once = noted(0.0, 0.4).depth_share

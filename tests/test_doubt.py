@@ -155,6 +155,27 @@ def test_few_edges_that_agree_have_to_lie_close_in_the_first_second(
     )
     few = "only 60% of the samples fit edges that are turned alike, just begun, and "
     assert odometry._judge.poor_start(start) == (few + why if why else "")
+    assert odometry._judge.is_poor_keyframe(start) == (bool(why) or agreeing > 0.67)
+
+
+@pytest.mark.parametrize(
+    ("scatter_px", "depth_sigma", "balance", "changes", "is_poor"),
+    [
+        (0.8, 1.6, 1.0, (), True),
+        (0.7, 1.6, 1.0, (), False),
+        (0.8, 1.4, 1.0, (), False),
+        (0.8, 1.6, 0.0, (), False),
+        (0.8, 1.6, 1.0, ("status.first_agreeing=0",), False),
+    ],
+)
+def test_a_first_keyframe_is_poor_if_edges_scatter_and_depth_is_off(
+    scatter_px, depth_sigma, balance, changes, is_poor
+):
+    odometry = Odometry(CAMERA, Config().with_overrides(changes))
+    found = [odometry.track(frame) for frame in problems.sequence(30)[0][:2]][1].alignment
+    all_agree = replace(found, agreeing=len(found.matches), sigma_px=scatter_px)
+    start = replace(all_agree, sigma_depth=depth_sigma, depth_balance=balance)
+    assert odometry._judge.is_poor_keyframe(start) == is_poor
 
 
 @pytest.mark.parametrize("seed", [0, 1, 3])

@@ -29,7 +29,7 @@ def alignment(residuals, sigma=0.5, trust=1.0):
     n = len(residuals)
     return Alignment(
         np.eye(4), np.eye(6), np.zeros(n, np.int32), np.array(residuals, float), np.full(n, trust),
-        np.zeros((n, 2)), np.zeros((n, 2)), n, n, sigma, 0, 0.0, 0.0, 0.0, 0.0, 1, True, "", some
+        np.zeros((n, 2)), np.zeros((n, 2)), n, n, sigma, 0, 0, 0.0, 0.0, 0.0, 0.0, 1, True, "", some
     )  # fmt: skip
 
 

@@ -29,7 +29,8 @@ def crisp():
         registration.index(problem.reference), problem.samples, np.eye(4)[None]
     )
     residuals = np.full(len(found.matches), 0.1)
-    return replace(found, residuals=residuals, sigma_px=0.2, plane_points=800, plane_area=0.6)
+    depth = {"plane_points": 800, "plane_inliers": 790, "plane_area": 0.6}
+    return replace(found, residuals=residuals, sigma_px=0.2, **depth)
 
 
 def judging(alignment, *overrides, frames=30):
@@ -487,7 +488,7 @@ def test_a_lasting_change_becomes_the_usual(crisp):
 
 
 def test_without_depth_on_planes_nothing_is_told_from_a_hand(crisp):
-    bare = replace(crisp, plane_points=0, plane_area=0.0)
+    bare = replace(crisp, plane_points=0, plane_inliers=0, plane_area=0.0)
     assert not judging(bare).scatter.is_wide(replace(bare, sigma_px=5.0))
     seen = partly(bare, 0.45, 0.44)
     assert judging(bare).judge(seen, SPEED, TURN, follows=True)[0] is Status.LOST

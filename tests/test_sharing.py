@@ -58,6 +58,7 @@ def found(residuals):
         agreeing=len(residuals),
         sigma_px=SIGMA,
         plane_points=0,
+        plane_inliers=0,
         plane_area=0.0,
         sigma_depth=1.0,
         depth_balance=0.0,
@@ -251,6 +252,7 @@ def test_what_depth_shares_is_forgotten():
         depth_balance=1.0,
         sigma_depth=0.5,
         plane_points=1200,
+        plane_inliers=1200,
     )
     errors = shared_errors()
     for forget in (errors.interrupt, errors.forget):

@@ -207,6 +207,7 @@ def alignment(sigma_depth):
         agreeing=n,
         sigma_px=0.3,
         plane_points=300,
+        plane_inliers=300,
         plane_area=0.5,
         sigma_depth=sigma_depth,
         depth_balance=1.0,

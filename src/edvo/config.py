@@ -402,6 +402,16 @@ class PlanesConfig(Section):
         "depth alone leads on, if it leaves no motion open, and the frame is degraded; or it is "
         "lost. With alone_share. Not in the paper",
     )
+    outvoted: Literal["asked", "left"] = Field(
+        default="asked",
+        description="where depth is good, off by less than 0.6 times its noise as a rule, edges "
+        "scatter by more than 0.25 px, and of a hundred points four more "
+        "than of late are outliers, a frame that follows closely is registered once "
+        "more from where all of depth leads. What 3 % more points fit, by no more than 1.1 times "
+        "the scale, is taken, if depth leaves no motion open and four fifths as many edges agree, "
+        "and is not left for what fits less of depth. Or most of the points are right. Not in "
+        "the paper",
+    )
 
 
 class KeyframesConfig(Section):
@@ -593,8 +603,10 @@ class StatusConfig(Section):
         default=0.67,
         description="that share in the second after the first frame, where frames follow closely "
         "and edges scatter by more than half a pixel, or depth is off the keyframe's planes "
-        "by more than 1.5 times its noise: how well both fit as a rule is not known yet, and "
-        "whoever walks by may fill the view. Not in the paper",
+        "by more than 1.5 times its noise, below which it is degraded; and what follows a keyframe "
+        "made of such a frame, or of one whose edges scatter by more than 0.75 px, depth being "
+        "off: how well both fit as a rule is not known yet, and whoever walks by may fill the "
+        "view. 0 asks neither. Not in the paper",
     )
     edge_jump: NotNegative = Field(
         default=2.5,
@@ -649,6 +661,14 @@ class StatusConfig(Section):
         description="a camera that is lost for more than a second, but whose images fit one "
         "another: it begins anew where it was expected, degraded until it sees again what it saw "
         "before, or waits for that; with keyframes.stored. Not in the paper",
+    )
+    torn: Literal["doubt", "ignore"] = Field(
+        default="doubt",
+        description="a frame whose edges scatter by 1.6 times what they did of late, and whose "
+        "depth is off the planes by twice what it was, is registered once more from where depth "
+        "leads; if depth then is off by four times that, or 1.5 times the noise, it is degraded, "
+        "with what follows within a second, once ten frames have told what is usual. Or neither. "
+        "Not in the paper",
     )
     covariance: Literal["cells", "none"] = Field(
         default="cells",
@@ -845,6 +865,7 @@ PRESETS: dict[str, dict[str, Any]] = {
             "weight": 0.0,
             "alone_share": 0.0,
             "lead": "none",
+            "outvoted": "left",
             "edge_doubt_rule": "fixed",
             "depth_doubt_rule": "none",
             "finer": "none",
@@ -890,6 +911,7 @@ PRESETS: dict[str, dict[str, Any]] = {
             "moving": "follow",
             "lost": "wait",
             "sudden_change": "ignore",
+            "torn": "ignore",
             "edge_jump": 0.0,
             "min_told": 0.0,
         },

@@ -165,6 +165,7 @@ class DepthAlone:
             agreeing=0,
             sigma_px=0.0,
             plane_points=fitting,
+            plane_inliers=fitting,
             plane_area=fitting * points.step_px**2 / (self._pinhole.width * self._pinhole.height),
             sigma_depth=sigma,
             depth_balance=1.0,

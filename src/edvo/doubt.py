@@ -2,8 +2,8 @@
 
 Not in the paper. A pose may fit and be wrong. Something moves by itself, the view changes at once,
 a step is so far that it may have led elsewhere, a camera is found again that was lost from a pose
-in doubt, or a keyframe is made where hardly anything tells or, just after the start, of what fitted
-poorly: what follows is held in doubt for a second, too.
+in doubt, edges and depth are torn, or a keyframe is made where hardly anything tells or, just after
+the start, of what fitted poorly: what follows is held in doubt for a second, too.
 """
 
 import math
@@ -29,6 +29,7 @@ FOUND_FAR = "found again less than a second ago, lost where it would have leapt"
 JUST_NOW_S = 0.1
 CALM, ASK_S = 0.25, 0.05  # less than that of max_conflict is none; then depth rests so long, s
 WRONG_M = 0.05  # that poses were off by, to be called wrong
+WAS_TORN = "less than a second ago edges scattered and depth was off, both more than of late"
 CHANGED = "less than a second ago the view had changed at once"
 BEGUN_POORLY = "just begun, and less than a second ago a keyframe was made of what fitted poorly"
 LONG_SURE_S = 3.0  # after so long in doubt a pose that was sure tells nothing
@@ -311,8 +312,21 @@ class Doubt:
         timestamp : float
             Seconds.
         """
-        if self.has_just_begun(timestamp) and self._judge.poor_start(alignment):
+        if self.has_just_begun(timestamp) and self._judge.is_poor_keyframe(alignment):
             self.cast_on_way(timestamp, BEGUN_POORLY)
+
+    def mind_torn(self, alignment: Alignment, timestamp: float) -> None:
+        """Doubt what follows a frame whose edges and depth say different things.
+
+        Parameters
+        ----------
+        alignment : Alignment
+        timestamp : float
+            Seconds.
+        """
+        if self._judge.torn.is_in_doubt(alignment):
+            self._judge.torn.widen(alignment)
+            self.cast(timestamp, WAS_TORN)
 
     def mind_change(self, alignment: Alignment, timestamp: float) -> None:
         """Doubt what follows a frame that fits poorly what was seen just now.

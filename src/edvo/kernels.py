@@ -4030,6 +4030,15 @@ def plane_cost(matches: PlaneMatches, count: int, points: int, sigma: float) -> 
     return total + (points - count) * (TUKEY_TUNING * TUKEY_TUNING / 6)
 
 
+@lean
+def count_fitting(residuals: F64, count: int, sigma: float) -> int:
+    """Count the residuals that Tukey's weights do not leave out."""
+    fitting, bound = 0, TUKEY_TUNING * sigma
+    for i in range(place(count)):
+        fitting += int(abs(residuals[i]) < bound)
+    return fitting
+
+
 @compiled
 def descend_on_planes(
     planes: PlaneMap,
@@ -4289,7 +4298,7 @@ def align(
     residuals: F64,
     trust: F64,
     history: F64,
-) -> tuple[int, int, int, float, float, int, float, float]:
+) -> tuple[int, int, int, float, float, int, int, float, float]:
     """Register samples (points, gradients) with a reference, Eq. (13)-(14), from the best start.
 
     Stage 0 matches by the robust criterion until the steps fall below ``switch_px``, stage 1 by
@@ -4312,7 +4321,8 @@ def align(
     image it moves with the pose by less, or by more, and so does the row of a sample (``lag``).
     Where profiles are compared, samples count less in the last stage that it says are smeared.
     Returns why it stopped, iterations, number of matches, sigma and cost; then the number of
-    points with a plane, their sigma_d, and what their term counted.
+    points with a plane, how many of them are no outliers by sigma_d, that, and what their term
+    counted.
     """
     n = points.shape[0]
     matches, trial = new_matches(n), new_matches(n)
@@ -4567,7 +4577,8 @@ def align(
         if k >= 0:
             residuals[packed] /= trust[i]
             packed += place(1)
-    return reason, iterations, count, sigma, cost, near_count, sigma_d, balance
+    fitting = count_fitting(near.residuals, near_count, sigma_d)
+    return reason, iterations, count, sigma, cost, near_count, fitting, sigma_d, balance
 
 
 # ------------------------------------------------------------------------------------- chamfer

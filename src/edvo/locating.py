@@ -18,9 +18,10 @@ from edvo.mending import Mender
 from edvo.planes import DepthTerm, thinned
 from edvo.registrar import Registrar
 from edvo.registration import FAILURES, Alignment
-from edvo.scatter import clarity, is_clearer, is_sharper
+from edvo.scatter import clarity, fitting_depth, is_clearer, is_sharper
 from edvo.seen import Seen
 from edvo.status import SURE, Status, agreement
+from edvo.uncertainty import degenerate_directions, in_current_camera
 
 FAR_STEP = "a far step: of what both see enough fits, and nothing else does"
 NOT_ALONE = "a far step, and beside where it led the edges fit as well"
@@ -98,19 +99,23 @@ class Locator:
             if alignment is None:
                 alignment = self.registrar.register(seen, starts, term, far=far)
         is_off = self._is_off_planes if far else self._judge.may_be_off
+        is_lost, led = self.assessor.is_lost, None
         if is_off(alignment):
             with self._clock("search"):
                 again = self._on_planes(seen, term, alignment, far=far)
-            is_lost = self.assessor.is_lost
             if far or not is_lost(again, timestamp) or is_lost(alignment, timestamp):
                 alignment = again
+        elif not far and self._judge.torn.outvotes_depth(alignment):
+            with self._clock("search"):
+                led = self._by_outvoted_depth(seen, starts[0], term, alignment)
+            alignment = alignment if led is None else led
         status, reason = self.assessor.assess(alignment, timestamp)
         is_wide = not far and self._judge.scatter.is_wide(alignment)
         if is_wide:
             self._judge.scatter.widen()
         if is_wide or (status is Status.LOST and not far and self._asks_depth(seen)):
             with self._clock("search"):
-                alignment = self._sharpest(seen, starts, term, alignment)
+                alignment = self._kept(led, self._sharpest(seen, starts, term, alignment))
                 status, reason = self.assessor.assess(alignment, timestamp)
         if not self._config.motion.search_deg:
             return alignment, status, reason
@@ -122,11 +127,11 @@ class Locator:
         with self._clock("search"):
             narrow = not far and self.registrar.begins_narrow
             if narrow and (unsure or (new and self._promises(seen, starts, term, alignment))):
-                alignment = self._widely(seen, starts, term, alignment)
+                alignment = self._kept(led, self._widely(seen, starts, term, alignment))
                 status, reason = self.assessor.assess(alignment, timestamp)
             if status is not Status.TRACKED or new:
                 other = self._search.around(key, course.T_key_last, seen, alignment)
-                alignment = self.assessor.better(alignment, other, timestamp)
+                alignment = self._kept(led, self.assessor.better(alignment, other, timestamp))
                 status, reason = self.assessor.assess(alignment, timestamp)
             if not far and status is not Status.LOST:
                 alignment = self.mender.mend(seen, alignment)
@@ -296,6 +301,31 @@ class Locator:
         is_free = assessor.is_impossible(found, timestamp) and not assessor.is_lost(best, timestamp)
         fits = is_clearer(best, found) and not self._judge.may_be_off(best)
         return best if is_free and fits else found
+
+    def _by_outvoted_depth(
+        self, seen: Seen, start: NDArray[np.float64], term: DepthTerm, found: Alignment
+    ) -> Alignment | None:
+        """Register from where all of depth leads, if that leaves no motion open and more fits it.
+
+        None where it does not, or the frame would be lost.
+        """
+        parts, begun = (self._course.key, seen.samples, seen.points), (found.T_ref_cur, start)
+        levels = [self._depth_alone.align(*parts, T_key_cur) for T_key_cur in begun]
+        level = max(levels, key=fitting_depth)
+        T_key_level = level.T_ref_cur
+        own = in_current_camera(self._depth_alone.covariance(*parts, level), T_key_level)
+        if len(degenerate_directions(own)):
+            return None
+        sharp_px = self._judge.scatter.sharp_px
+        again = self.registrar.register(seen, T_key_level[None], term, sharp_px)
+        lost = self.assessor.is_lost(again, seen.frame.timestamp)
+        return again if not lost and self._judge.torn.fits_more_depth(again, found) else None
+
+    def _kept(self, led: Alignment | None, other: Alignment) -> Alignment:
+        """What depth has led to, if any, unless as much of depth fits what is clearer."""
+        if led is None or not self._judge.torn.fits_more_depth(led, other):
+            return other
+        return led
 
     def _is_off_planes(self, found: Alignment) -> bool:
         """Whether depth contradicts where edges lead, and edges are not all but sure of it."""

@@ -455,6 +455,8 @@ class Odometry:
             course.velocity = np.zeros(6) if velocity is None else velocity
         course.is_blind = False
         doubt.mind_leap(timestamp, is_proven=found is not None)
+        if follows and still is None and status is Status.DEGRADED:
+            doubt.mind_torn(alignment, timestamp)
         self._recovery.note()
         if status is Status.TRACKED and doubt.lasts(timestamp):
             status, reason = Status.DEGRADED, doubt.reason

@@ -120,7 +120,7 @@ class Registrar:
         if not seen.is_stale:
             return found
         balance = found.depth_balance / found.sigma_depth**2
-        return replace(found, sigma_depth=1.0, depth_balance=balance)
+        return replace(found, sigma_depth=1.0, depth_balance=balance, is_stale=True)
 
     def widely(self, seen: Seen, starts: NDArray[np.float64], term: DepthTerm) -> Alignment:
         """Register so that edges count which are pixels off at first.

@@ -110,9 +110,12 @@ class Alignment:
     sigma_px : float
         Scale of the residuals, times their trust; 0 where depth was registered alone.
     plane_points : int
-        Points of the depth image that lie near a plane of the reference.
+        Points of the depth image that lie near a plane of the reference; of depth alone those
+        that fit it.
+    plane_inliers : int
+        Those of them that are no outliers by Tukey's weights, and the scale before the last step.
     plane_area : float
-        Share of the image that these stand for.
+        Share of the image that all of them stand for.
     sigma_depth : float
         Scale of their distances, in units of the sensor's noise.
     depth_balance : float
@@ -129,6 +132,8 @@ class Alignment:
         See ``steps``.
     lag : kernels.Lag
         When depth and the rows of the image were taken to be taken.
+    is_stale : bool
+        Whether its depth is that of the frame before, and says nothing of it.
     """
 
     T_ref_cur: NDArray[np.float64]
@@ -142,6 +147,7 @@ class Alignment:
     agreeing: int
     sigma_px: float
     plane_points: int
+    plane_inliers: int
     plane_area: float
     sigma_depth: float
     depth_balance: float
@@ -151,6 +157,12 @@ class Alignment:
     reason: str
     history: NDArray[np.float64]
     lag: kernels.Lag = AT_ONCE
+    is_stale: bool = False
+
+    @property
+    def outliers(self) -> float:
+        """Share of the points near a plane that Tukey's weights leave out."""
+        return 1 - self.plane_inliers / self.plane_points if self.plane_points else 0.0
 
     @property
     def match_count(self) -> int:
@@ -349,7 +361,7 @@ class Registration:
         T, H = np.empty((4, 4)), np.zeros((6, 6))
         matches, packed, trust = np.empty(n, np.int32), np.empty(n), np.empty(n)
         history = np.empty((self._solver.max_iterations, kernels.HISTORY))
-        code, iterations, _, sigma, cost, on_planes, sigma_depth, balance = kernels.align(
+        code, iterations, _, sigma, cost, on_planes, fitting, sigma_depth, balance = kernels.align(
             reference.grid,
             reference.near if far and solver.coarse_samples else NOTHING_NEAR,
             reference.edges.profiles,
@@ -399,6 +411,7 @@ class Registration:
             agreeing=agreeing,
             sigma_px=sigma,
             plane_points=on_planes,
+            plane_inliers=fitting,
             plane_area=on_planes * points.step_px**2 / (self._camera.width * self._camera.height),
             sigma_depth=sigma_depth,
             depth_balance=balance,

@@ -21,6 +21,7 @@ NO_WORSE = 0.95  # times what depth fitted: no less than chance
 LEAST_AREA = 0.04  # of the image; less of it on planes says nothing
 LEFT = 0.8  # of what lay on planes, where nothing has come before the lens
 FEWER = 0.2  # of the samples, that at once fit no longer: it has turned as nobody foresaw
+MILD_SIGMA = 1.5  # times the sensor's noise, up to which depth raises no doubt
 AGREEING_SIGMA = 3.0  # times the sensor's noise, at which depth agrees half
 
 _BINS = np.arange(0, RANGE_PX + BIN_PX / 2, BIN_PX)
@@ -51,6 +52,11 @@ class Scatter:
     def is_known(self) -> bool:
         """Whether there was a registration to be trusted, that others can be held against."""
         return math.isfinite(self._usual_px)
+
+    @property
+    def usual_px(self) -> float:
+        """Scale of the residuals of late, px; infinite while none is known."""
+        return self._usual_px
 
     @property
     def sharp_px(self) -> float:

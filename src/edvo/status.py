@@ -10,15 +10,17 @@ from edvo import se3
 from edvo.config import Config
 from edvo.planes import PlaneMap, PlanePoints
 from edvo.registration import FAILURES, Alignment
-from edvo.scatter import Scatter, fitting_depth
+from edvo.scatter import MILD_SIGMA, Scatter, fitting_depth
+from edvo.torn import Torn
 
 MILD_PX = 0.5  # of scatter, up to which edges raise no doubt
-MILD_SIGMA = 1.5  # times the sensor's noise, up to which depth raises no doubt
+FIRST_PX = 0.75  # beyond which, if depth is off, too, one of the first is a poor keyframe
 FADING = 0.97  # a frame, of the worst fit of depth seen of late
 MOST_UNASKED = 2  # frames in a row of the same depth, that what follows is pardoned for
 AS_A_WHOLE = 0.7  # of the edges agree: of people who are followed, hardly ever so many
 SURE = 0.8  # of the samples in place: depth that contradicts these then leads nowhere else
 BETTER = 1.25  # times as many samples agree after a frame that a jerk has blurred
+TORN = "edges scatter and depth is off the keyframe's, both more than of late"
 CHANCE = 0.28  # a quarter of the samples agree by chance where edges are dense
 
 
@@ -42,6 +44,8 @@ class Judge:
     ----------
     scatter : Scatter
         How widely edges scatter about their matches.
+    torn : Torn
+        Whether edges and depth say different things.
     """
 
     def __init__(self, config: Config) -> None:
@@ -49,6 +53,7 @@ class Judge:
         self._motion = config.motion
         self._alone_share = config.planes.alone_share
         self.scatter = Scatter(config)
+        self.torn = Torn(config, self.scatter)
         self._usual = math.inf  # the largest sigma_depth of late
         self._unasked = 0  # frames since, whose depth was that of the frame before
         self._agreeing = 1.0  # share of the samples, of the last one
@@ -65,6 +70,7 @@ class Judge:
             Whether its depth is that of the frame before.
         """
         self.scatter.note(alignment)
+        self.torn.note(alignment)
         self._agreeing = alignment.agreeing / len(alignment.matches)
         if is_stale:
             self._unasked = min(self._unasked + 1, MOST_UNASKED)
@@ -111,6 +117,8 @@ class Judge:
             return Status.LOST, f"{doubt}, and depth contradicts the edges"
         if not doubt and self.is_off(alignment):
             doubt = self._off(alignment)
+        if not doubt and follows and self.torn.is_in_doubt(alignment):
+            doubt = TORN
         return (Status.DEGRADED, doubt) if doubt else (Status.TRACKED, "")
 
     def judge_alone(self, alignment: Alignment, points: int, speed: float, turn: float) -> str:
@@ -171,7 +179,9 @@ class Judge:
         return alignment.sigma_depth > self._tolerated
 
     def may_be_off(self, alignment: Alignment) -> bool:
-        """Whether depth is off the keyframe's, by what is known of late, or may be, if nothing is.
+        """Whether depth is off the keyframe's, by what is known of late, or may be.
+
+        It may where nothing is known, and where edges scatter, too.
 
         Parameters
         ----------
@@ -182,7 +192,7 @@ class Judge:
         bool
         """
         limit = MILD_SIGMA if math.isinf(self._usual) else self._tolerated
-        return alignment.sigma_depth > limit
+        return alignment.sigma_depth > limit or self.torn.is_torn(alignment)
 
     @property
     def _tolerated(self) -> float:
@@ -244,6 +254,23 @@ class Judge:
         if sigma_px > MILD_PX:
             return f"{misfit}, just begun, and these scatter by {sigma_px:.1f} px"
         return ""
+
+    def is_poor_keyframe(self, alignment: Alignment) -> bool:
+        """Whether one of the first frames, become a keyframe, makes what follows doubtful.
+
+        Also where edges agree, if they scatter and depth is off.
+
+        Parameters
+        ----------
+        alignment : Alignment
+
+        Returns
+        -------
+        bool
+        """
+        is_asked = self._status.first_agreeing > 0 and alignment.depth_balance > 0
+        is_off = alignment.sigma_depth > MILD_SIGMA and alignment.sigma_px > FIRST_PX
+        return (is_asked and is_off) or bool(self.poor_start(alignment))
 
     def is_out_of_step(self, alignment: Alignment) -> bool:
         """Whether edges fit as a whole, but depth so badly that it cannot tell what stands still.

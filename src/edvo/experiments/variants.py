@@ -63,6 +63,8 @@ VARIANTS = (
         "planes: lead where a view has changed",
         ("planes.weight=1", "planes.alone_share=0.5", "planes.lead=changed-views"),
     ),
+    Variant("planes: outvoted ones left", ("planes.weight=1", "planes.outvoted=left")),
+    Variant("planes: outvoted ones asked", ("planes.weight=1", "planes.outvoted=asked")),
     Variant("planes: edges not doubted", ("planes.weight=1", "planes.edge_doubt_px=0")),
     Variant(
         "planes: at full weight whatever the residuals", ("planes.weight=1", "planes.doubt=1e6")
@@ -170,6 +172,8 @@ VARIANTS = (
     Variant("a view that changes at once: doubted", ("status.sudden_change=doubt",)),
     Variant("lost for a second: wait", ("status.lost=wait",)),
     Variant("lost for a second: begin anew", ("status.lost=begin-anew",)),
+    Variant("edges and depth that are torn: ignored", ("status.torn=ignore",)),
+    Variant("edges and depth that are torn: doubted", ("status.torn=doubt",)),
     Variant("covariance: none", ("status.covariance=none",)),
     Variant("covariance: by cells", ("status.covariance=cells",)),
     Variant("edges that scatter at once: left", ("status.edge_jump=0",)),
