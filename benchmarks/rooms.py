@@ -105,11 +105,8 @@ def main() -> None:
         seeds = [int(seed) for seed in given.only.split(",")]
     frames, others = given.frames, given.others
     if given.docs:
-        if (
-            given.set
-            or given.only
-            or (given.rooms, given.first, given.frames) != (ROOMS, 0, FRAMES)
-        ):
+        changed = (given.rooms, given.first, given.frames) != (ROOMS, 0, FRAMES)
+        if changed or given.set or given.only:
             parser.error("--docs is of the usual rooms and frames, by the preset as it is")
         others = True
     cv2.setNumThreads(1)

@@ -405,12 +405,11 @@ class PlanesConfig(Section):
     outvoted: Literal["asked", "left"] = Field(
         default="asked",
         description="where depth is good, off by less than 0.6 times its noise as a rule, edges "
-        "scatter by more than 0.25 px, and of a hundred points four more "
-        "than of late are outliers, a frame that follows closely is registered once "
-        "more from where all of depth leads. What 3 % more points fit, by no more than 1.1 times "
-        "the scale, is taken, if depth leaves no motion open and four fifths as many edges agree, "
-        "and is not left for what fits less of depth. Or most of the points are right. Not in "
-        "the paper",
+        "scatter by more than 0.25 px, and of a hundred points four more than of late are "
+        "outliers, a frame that is no far step is registered once more from where all of depth "
+        "leads. What 3 % more points fit, by no more than 1.1 times the scale, is taken, if depth "
+        "leaves no motion open and four fifths as many edges agree, and is not left for what fits "
+        "less of depth. Or outliers are left alone. Not in the paper",
     )
 
 

@@ -149,8 +149,7 @@ class DepthAlone:
             sigma = kernels.median_scale(near.residuals, count, scale)
             kernels.plane_equations(near, count, sigma, H, b)
             cost = kernels.plane_cost(near, count, len(points.sigma), sigma) / len(points.sigma)
-            bound = kernels.TUKEY_TUNING * sigma
-            fitting = int(np.count_nonzero(np.abs(near.residuals[:count]) < bound))
+            fitting = kernels.count_fitting(near.residuals, count, sigma)
         if fitting < self._term.min_points:
             reason = kernels.TOO_FEW
         return Alignment(

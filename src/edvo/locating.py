@@ -108,7 +108,8 @@ class Locator:
         elif not far and self._judge.torn.outvotes_depth(alignment):
             with self._clock("search"):
                 led = self._by_outvoted_depth(seen, starts[0], term, alignment)
-            alignment = alignment if led is None else led
+            if led is not None:
+                alignment = led
         status, reason = self.assessor.assess(alignment, timestamp)
         is_wide = not far and self._judge.scatter.is_wide(alignment)
         if is_wide:
