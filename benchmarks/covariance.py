@@ -32,7 +32,7 @@ from edvo.odometry import Odometry, Status
 from edvo.synthesis.clock import Clock
 from edvo.synthesis.renderer import Shutter
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
-from edvo.uncertainty import SHARES, Shares, Uncertainty, combine, without_blur
+from edvo.uncertainty import SHARES, Parts, Shares, Uncertainty, combine, without_blur
 
 SCENES = (
     "texture_far",
@@ -99,11 +99,9 @@ class Outcome:
 class _Recorder(Uncertainty):
     """Keeps what the last covariance was made of."""
 
-    def parts(
-        self, *given: Any, **named: Any
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def parts(self, *given: Any, **named: Any) -> Parts:
         found = super().parts(*given, **named)
-        self.last = without_blur(*found[:2]), found[2]
+        self.last = without_blur(found.H, found.blur), found.parts
         return found
 
 

@@ -7,7 +7,8 @@ draws a room by each seed, with a camera, its way, its sensor and shutter, and l
 once, and tracks it by the preset `default`, with ``--others`` by four others of `edvo compare` as
 well. Printed are root mean squares of the relative pose error over one second (TUM), the shares of
 the frames that edvo calls *tracked*, *degraded* and *lost*, and how many say *tracked* and are
-wrong by more than 0.1 m within the last second; of the others the share that has a pose.
+wrong by more than 0.1 m within the last second; of the others the share that has a pose. Below the
+table stands how many errors of *tracked* frames lie where their covariance says.
 """
 
 import argparse
@@ -17,6 +18,8 @@ from textwrap import fill
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from benchmarks.frames import ROOT
 from benchmarks.honesty import WRONG_M_S
@@ -24,19 +27,21 @@ from benchmarks.report import document
 from benchmarks.room_drawing import Room, draw
 from benchmarks.section import table
 from benchmarks.turning import Recorded
+from edvo import se3
 from edvo.baselines.registry import Tracker, make_tracker
 from edvo.config import Config
 from edvo.datasets import read_ahead
 from edvo.errors import EvaluationError
 from edvo.evaluation import evaluate
 from edvo.evaluation.honesty import error_speed
-from edvo.odometry import Odometry, Status
+from edvo.odometry import Odometry, Status, TrackedFrame
 from edvo.synthesis.sequence import SyntheticSource
 
 PAGE = ROOT / "docs" / "rooms.md"
 MARK = "<!-- measured: written by python -m benchmarks.rooms --docs -->\n"
 ROOMS, FRAMES = 24, 120
 COLUMNS = 100  # of prose
+REGION = float(chi2.ppf(0.9, 6))
 ENOUGH = 0.5  # share of the frames that has to have a pose
 EDVO = "edvo"
 OTHERS = {
@@ -59,6 +64,8 @@ class Score:
         Frames that say so.
     wrong : int
         Tracked frames that are wrong.
+    told, inside : int
+        Tracked frames with a covariance, and those whose error is in its 90 % region.
     """
 
     error: float
@@ -66,6 +73,8 @@ class Score:
     degraded: int
     lost: int
     wrong: int
+    told: int = 0
+    inside: int = 0
 
     @property
     def frames(self) -> int:
@@ -177,13 +186,30 @@ def score(recorded: Recorded, system: Tracker) -> Score:
     statuses = np.array([result.status for result in results])
     tracked, lost = statuses == Status.TRACKED, statuses == Status.LOST
     speed = error_speed(times, truth, poses, ~lost)
+    inside = [is_inside(result, truth) for result in results if has_region(result)]
     return Score(
         error=relative_error(recorded, system),
         tracked=int(np.count_nonzero(tracked)),
         degraded=int(np.count_nonzero(~tracked & ~lost)),
         lost=int(np.count_nonzero(lost)),
         wrong=int(np.count_nonzero(tracked & (speed > WRONG_M_S))),
+        told=len(inside),
+        inside=sum(inside),
     )
+
+
+def has_region(result: TrackedFrame) -> bool:
+    """Whether a frame is tracked, and it is said how far its pose may be off."""
+    known = result.covariance is not None and result.keyframe >= 0
+    return known and result.status is Status.TRACKED
+
+
+def is_inside(result: TrackedFrame, truth: NDArray[np.float64]) -> bool:
+    """Whether the motion since the keyframe is off by no more than its 90 % region allows."""
+    assert result.covariance is not None
+    T_true = se3.inverse(truth[result.keyframe]) @ truth[result.index]
+    error = se3.log(T_true @ se3.inverse(result.T_key_cur))
+    return float(error @ np.linalg.solve(result.covariance, error)) < REGION
 
 
 def relative_error(recorded: Recorded, system: Tracker) -> float:
@@ -251,6 +277,12 @@ def summary(every: Sequence[Mapping[str, Score]]) -> str:
         f"Of {frames} frames edvo calls {tracked} *tracked*, of which {wrong} are wrong, "
         f"{degraded} *degraded* and {frames - tracked - degraded} *lost*."
     )
+    told, inside = sum(one.told for one in own), sum(one.inside for one in own)
+    if told:
+        lines.append(
+            f"Of {told} errors of *tracked* frames, as against their keyframes, "
+            f"{100 * inside / told:.0f} % lie in the 90 % region of their covariance."
+        )
     return "\n\n".join(fill(line, COLUMNS, break_on_hyphens=False) for line in lines)
 
 

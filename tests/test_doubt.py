@@ -14,6 +14,7 @@ from edvo.doubt import BEGUN_POORLY, CHANGED
 from edvo.frame import Frame
 from edvo.odometry import Odometry, Status
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
+from edvo.unshared import EXCUSED
 
 from . import problems
 
@@ -70,7 +71,11 @@ def test_little_agreement_is_degraded():
     assert result.status is Status.DEGRADED
     assert "turned alike" in result.reason
     result = second(frames[0], frames[1], "status.min_agreeing=1.0", "planes.lead=none")
-    assert result.status is Status.LOST
+    assert result.status is Status.DEGRADED  # since both show the same
+    assert result.reason.startswith("only")
+    assert result.reason.endswith(EXCUSED)
+    counted = "status.min_agreeing=1.0", "planes.lead=none", "status.unshared=counted"
+    assert second(frames[0], frames[1], *counted).status is Status.LOST
 
 
 def test_only_what_fits_can_agree():

@@ -8,6 +8,8 @@ from benchmarks import rooms
 from benchmarks.room_drawing import Room, draw
 from benchmarks.room_things import APART_M, KINDS
 
+from edvo import se3
+from edvo.odometry import Status, TrackedFrame
 from edvo.synthesis.motion import ClosedSpline
 
 SEEDS = 40  # that are looked at
@@ -70,11 +72,47 @@ def test_a_room_gives_a_row(drawn, capsys):
     assert row.count("|") == 12
     assert row.count("none") == 5  # of eight frames none has another one a second before it
     assert "Of 8 frames edvo calls" in text
+    assert "Of 7 errors of *tracked* frames, as against their keyframes, 100 % lie" in text
     assert text in capsys.readouterr().out
 
 
 def score(error: float, lost: int = 0) -> rooms.Score:
     return rooms.Score(error, tracked=100 - lost, degraded=0, lost=lost, wrong=0)
+
+
+def test_regions_are_asked_of_tracked_frames_that_have_one(drawn):
+    """Of errors that are known, along all axes at once."""
+    rng = np.random.default_rng(2)
+    truth = np.array([se3.exp(rng.normal(0, 0.3, 6)) for _ in range(3)])
+    C = np.diag([1e-4, 4e-6, 1e-6, 1e-6, 9e-6, 1e-8])
+    T_key_cur = se3.inverse(truth[1]) @ truth[2]
+
+    def off(sigmas):
+        return se3.inverse(se3.exp(sigmas * np.sqrt(np.diag(C)))) @ T_key_cur
+
+    result = TrackedFrame(
+        index=2,
+        timestamp=0.1,
+        status=Status.TRACKED,
+        reason="",
+        T_key_cur=off(1.3),  # 6 * 1.3^2 = 10.1; the region ends at 10.6
+        T_world_cam=np.eye(4),
+        keyframe=1,
+        is_keyframe=False,
+        edges=0,
+        samples=0,
+        alignment=None,
+        covariance=C,
+    )
+    assert rooms.has_region(result)
+    assert rooms.is_inside(result, truth)
+    assert not rooms.is_inside(replace(result, T_key_cur=off(1.36)), truth)
+    assert not rooms.has_region(replace(result, covariance=None))
+    assert not rooms.has_region(replace(result, keyframe=-1))
+    assert not rooms.has_region(replace(result, status=Status.DEGRADED))
+    text = rooms.summary([{"edvo": replace(score(2.0), told=80, inside=60)}])
+    assert "Of 80 errors of *tracked* frames, as against their keyframes, 75 % lie" in text
+    assert "lie" not in rooms.summary([{"edvo": score(2.0)}])
 
 
 def test_who_has_too_few_poses_has_failed():

@@ -207,9 +207,10 @@ def test_parts_equal_their_numpy_twin(seed):
     found = registration.align(index, problem.samples, problem.T_ref_cur[None])
     found.matches[len(found.matches) - seed :] = -1  # the last ones, or none
     found.trust[:] = np.random.default_rng(seed).uniform(0.2, 1.5, len(found.trust))
-    H, blur, parts = uncertainty.parts(
+    H, blur, parts, depth = uncertainty.parts(
         index, problem.samples, NO_PLANES, NO_POINTS, EDGES_ALONE, found
     )
+    assert not depth.any()
     J, D, r, w, cell, by_depth = rows_by_numpy(problem, found, "tukey", 4.6851)
     np.testing.assert_allclose(H, J.T @ (w[:, None] * J), rtol=1e-6)
     np.testing.assert_allclose(blur, D.T @ (w[:, None] * D) / 2, rtol=1e-4, atol=1e-5 * blur.max())
@@ -246,7 +247,7 @@ def test_depth_derivative_by_finite_differences():
     alone = replace(
         found, matches=np.where(np.arange(len(found.matches)) == one, found.matches, -1)
     )
-    H, _, parts = uncertainty.parts(
+    H, _, parts, _ = uncertainty.parts(
         index, problem.samples, NO_PLANES, NO_POINTS, EDGES_ALONE, alone
     )
 
@@ -281,7 +282,10 @@ def test_planes_equal_their_numpy_twin():
     found = registration.align(index, NO_EDGES, np.eye(4)[None], planes, points, fitter.term)
     T = se3.exp([1e-3, -1e-3, 2e-3, 1e-3, 0, -1e-3])
     found = replace(found, T_ref_cur=T, sigma_px=0.4, sigma_depth=0.8, depth_balance=0.3)
-    H, blur, parts = uncertainty.parts(index, NO_EDGES, planes, points, fitter.term, found)
+    H, blur, parts, by_depth = uncertainty.parts(
+        index, NO_EDGES, planes, points, fitter.term, found
+    )
+    np.testing.assert_array_equal(by_depth, H)
     near = kernels.new_plane_matches(len(points.sigma))
     count = kernels.match_planes(planes, points, fitter._pinhole, T, fitter.term, near)
     assert count > 500
@@ -371,7 +375,7 @@ def test_errors_shared_by_neighbours_make_it_larger():
         noise = rng.normal(0, 0.4, (group.max() + 1, 2))[group]
         samples = replace(problem.samples, pixels=(pixels + noise).astype(np.float32))
         found = registration.align(index, samples, problem.T_ref_cur[None])
-        H, _, parts = uncertainty.parts(index, samples, NO_PLANES, NO_POINTS, EDGES_ALONE, found)
+        H, _, parts, _ = uncertainty.parts(index, samples, NO_PLANES, NO_POINTS, EDGES_ALONE, found)
         gain = np.linalg.inv(H)
         volumes.append(
             np.sqrt(np.diag(gain @ parts[0] @ gain)) / np.sqrt(np.diag(gain)) / found.sigma_px

@@ -1311,3 +1311,31 @@ def take_off_slopes(grey, slopes, step_v, dv):
     less = np.where(share > 0, np.minimum(light, np.maximum(dv, 0)), 0)
     more = np.where(share < 0, np.maximum(light, np.minimum(dv, 0)), 0)
     return dv - less - more
+
+
+def instants_part(
+    H,
+    by_rows,
+    by_depth,
+    T,
+    own,
+    key_velocity,
+    own_changes,
+    readout,
+    readout_variance,
+    delay,
+    delay_variance,
+    wrong_s2,
+):
+    """What instants add to a covariance: responses of the pose, times what these are off by."""
+    carry = se3.adjoint(T)
+    velocity, changes = carry @ own, carry @ own_changes @ carry.T
+    apart, part = velocity - key_velocity, np.zeros((6, 6))
+    for pushed, seconds, variance in (
+        (by_rows, readout, readout_variance),
+        (by_depth, delay, delay_variance),
+    ):
+        response = np.linalg.solve(H, pushed)
+        twist = variance * np.outer(apart, apart) + 2 * seconds**2 * changes
+        part += response @ twist @ response.T
+    return part + wrong_s2 * (np.outer(velocity, velocity) + np.outer(key_velocity, key_velocity))

@@ -45,7 +45,9 @@ class Assessor:
         """
         self._allowed = alignment
 
-    def assess(self, alignment: Alignment, timestamp: float) -> tuple[Status, str]:
+    def assess(
+        self, alignment: Alignment, timestamp: float, *, is_shared: bool = False
+    ) -> tuple[Status, str]:
         """Judge a registration by its evidence, and by how far it is from the last pose.
 
         Parameters
@@ -53,6 +55,8 @@ class Assessor:
         alignment : Alignment
         timestamp : float
             Of the frame, seconds.
+        is_shared : bool
+            Whether what both images have in view fits; see `Judge.judge`.
 
         Returns
         -------
@@ -61,7 +65,8 @@ class Assessor:
         """
         T_last_cur, period = self._course.moved(alignment.T_ref_cur, timestamp)
         follows = self._course.follows(timestamp)
-        said = self._judge.judge(alignment, *speed_of(T_last_cur, period), follows=follows)
+        speed = speed_of(T_last_cur, period)
+        said = self._judge.judge(alignment, *speed, follows=follows, is_shared=is_shared)
         # from a doubtful pose, as one that went along with people, it may well come back at once
         sure = self._doubt.is_sure and not self._doubt.lasts(timestamp)
         expected = self._asks_scatter and sure

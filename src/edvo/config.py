@@ -669,10 +669,18 @@ class StatusConfig(Section):
         "with what follows within a second, once ten frames have told what is usual. Or neither. "
         "Not in the paper",
     )
-    covariance: Literal["cells", "none"] = Field(
-        default="cells",
+    unshared: Literal["excused", "counted"] = Field(
+        default="excused",
+        description="edges that only one of frame and keyframe has in view, where a frame that "
+        "follows closely would be lost for how few of its edges fit: it is degraded if, of those "
+        "that both have in view, six tenths fit, one way times the other, and the keyframe "
+        "registered with it leads back; or they count, and it is lost. Not in the paper",
+    )
+    covariance: Literal["instants", "cells", "none"] = Field(
+        default="instants",
         description="how far a pose may be off, and which motions nothing constrains, which "
-        "degrades the frame. Not in the paper",
+        "degrades the frame; with what is not known of the instants at which rows and depth were "
+        "taken, or without, by which poses go in either case. Not in the paper",
     )
 
 
@@ -911,6 +919,7 @@ PRESETS: dict[str, dict[str, Any]] = {
             "lost": "wait",
             "sudden_change": "ignore",
             "torn": "ignore",
+            "unshared": "counted",
             "edge_jump": 0.0,
             "min_told": 0.0,
         },

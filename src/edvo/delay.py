@@ -80,13 +80,24 @@ class DepthDelay:
             Maps points of the depth image to the camera at the instant of the grey image; None
             where it has hardly moved.
         """
-        twist = velocity * self._of(stamped)
+        twist = velocity * self.of(stamped)
         if np.abs(twist).max() < LEAST:
             return None
         return se3.exp(twist)
 
-    def _of(self, stamped: float) -> float:
-        """From the instant of the image to that of depth, seconds."""
+    def of(self, stamped: float) -> float:
+        """Say how long after its image depth was taken.
+
+        Parameters
+        ----------
+        stamped : float
+            The same by their stamps, seconds.
+
+        Returns
+        -------
+        float
+            Seconds.
+        """
         if not self._is_on:
             return 0.0
         return min(max(credible(stamped) + self.seconds, -LARGEST_S), LARGEST_S)
@@ -106,7 +117,7 @@ class DepthDelay:
         if not self.matters(seen):
             return 0.0
         doubt = math.sqrt(self.estimate.variance) if self.estimate.wanted else 0.0
-        return abs(self._of(seen.frame.depth_delay)) + doubt
+        return abs(self.of(seen.frame.depth_delay)) + doubt
 
     def lag(self, seen: Seen, T_key_last: NDArray[np.float64], period: float) -> Lag:
         """Say when depth was taken, for a registration to move it along with the pose.
@@ -123,7 +134,7 @@ class DepthDelay:
         -------
         Lag
         """
-        delay = self._of(seen.frame.depth_delay)
+        delay = self.of(seen.frame.depth_delay)
         if abs(delay) < LEAST_S or seen.is_stale:
             return AT_ONCE
         share = delay / period
@@ -147,7 +158,7 @@ class DepthDelay:
         float
             As a share of these.
         """
-        return self._of(stamped) / period
+        return self.of(stamped) / period
 
     def matters(self, seen: Seen) -> bool:
         """Say whether depth was not taken at the instant of its image.
@@ -160,7 +171,7 @@ class DepthDelay:
         -------
         bool
         """
-        return seen.T_cam_depth is not None or abs(self._of(seen.frame.depth_delay)) >= LEAST_S
+        return seen.T_cam_depth is not None or abs(self.of(seen.frame.depth_delay)) >= LEAST_S
 
     def settled(self, seen: Seen, velocity: NDArray[np.float64]) -> Seen:
         """Move depth by what the camera has moved by, no longer by what was expected.

@@ -76,6 +76,11 @@ class Exposure:
         """Whether it is so certain that a frame now and then keeps it up, or nobody asks."""
         return self.estimate.is_known(KNOWN * max(self.estimate.value, LEAST_S**2))
 
+    @property
+    def squared(self) -> float:
+        """Its square, s^2: the likeliest one, also where nobody can tell it from none yet."""
+        return min(max(self.estimate.likely, self.seconds**2), LARGEST_S**2)
+
     def learn(
         self, moment: Moment, key_velocity: NDArray[np.float64], seconds: float | None = None
     ) -> None:

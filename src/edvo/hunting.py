@@ -177,6 +177,25 @@ class Hunter:
         places = distinct([*places, *others])
         return [place for place in places if place.worth > RIVAL * places[0].worth]
 
+    def is_shared(self, key: Keyframe, found: Alignment, seen: Seen) -> bool:
+        """Whether a registration explains most of what both have in view, and leads back.
+
+        Parameters
+        ----------
+        key : Keyframe
+        found : Alignment
+            Of the frame, with that.
+        seen : Seen
+            The frame.
+
+        Returns
+        -------
+        bool
+        """
+        hunt = self.hunt(seen, (), 0.0)
+        back, fit = self._both_ways(hunt, key, found, turned=True)
+        return fit >= hunt.least_fit and _is_loop(found, back)
+
     def _place(self, hunt: Hunt, key: Keyframe, T_world_start: NDArray[np.float64]) -> Place | None:
         """Register all samples both ways with a keyframe, if that stands all tests."""
         T_key_start = se3.inverse(key.T_world_key) @ T_world_start
@@ -186,14 +205,8 @@ class Hunter:
         seen, T_world_cam = hunt.seen, key.T_world_key @ found.T_ref_cur
         if hunt.must_be_sure and not self._is_sure(hunt, found, seen.points):
             return None
-        T_cur_key = se3.inverse(found.T_ref_cur)
-        back = self._registration.align(
-            hunt.edges, key.samples, T_cur_key[None], hunt.planes, key.points, hunt.term
-        )
         # those that are sure have been asked how edges are turned
-        there, here = (None, None) if hunt.must_be_sure else (key.edges, hunt.edges)
-        fit = self._explained(found, seen.samples, there)
-        fit *= self._explained(back, key.samples, here)
+        back, fit = self._both_ways(hunt, key, found, turned=not hunt.must_be_sure)
         if fit < hunt.least_fit or hunt.away(T_world_cam) > hunt.farthest:
             return None
         both_ways, by_edges = _is_loop(found, back), False
@@ -204,6 +217,21 @@ class Hunter:
         worth = fit**SHARPNESS * hunt.prior(T_world_cam)
         agreed = agreement(found, key.planes, seen.points)
         return Place(worth, T_world_cam, key, found, agreed, both_ways, hunt, by_edges)
+
+    def _both_ways(
+        self, hunt: Hunt, key: Keyframe, found: Alignment, *, turned: bool
+    ) -> tuple[Alignment, float]:
+        """Register the keyframe with the frame, from where that was found; and what is explained.
+
+        Of what both have in view, one way times the other; turned alike, if that is asked.
+        """
+        samples, T_cur_key = hunt.seen.samples, se3.inverse(found.T_ref_cur)
+        back = self._registration.align(
+            hunt.edges, key.samples, T_cur_key[None], hunt.planes, key.points, hunt.term
+        )
+        there, here = (key.edges, hunt.edges) if turned else (None, None)
+        fit = self._explained(found, samples, there) * self._explained(back, key.samples, here)
+        return back, fit
 
     def _is_sure(
         self, hunt: Hunt, found: Alignment, points: PlanePoints, *, seen_only: bool = False

@@ -131,14 +131,24 @@ class Instants:
         Lag
         """
         lag = self.depth.lag(seen, T_key_last, period)
-        sharp = self.exposure.sharpness(seen.samples, velocity, self._velocity_of(keyframe))
+        sharp = self.exposure.sharpness(seen.samples, velocity, self.velocity_of(keyframe))
         if len(sharp):
             lag = lag._replace(sharp=sharp)
         rows = self.rolling.rows(seen.samples.pixels)
         return lag._replace(T_ref_last=T_key_last, rows=rows / period) if len(rows) else lag
 
-    def _velocity_of(self, keyframe: Keyframe) -> NDArray[np.float64] | None:
-        """Of the camera at a keyframe, where that is known."""
+    def velocity_of(self, keyframe: Keyframe) -> NDArray[np.float64] | None:
+        """Give the velocity of the camera at a keyframe.
+
+        Parameters
+        ----------
+        keyframe : Keyframe
+
+        Returns
+        -------
+        ndarray of float64, shape (6,), or None
+            In its own frame, 1/s; None where it is not known.
+        """
         held = self._held
         return held.velocity if held is not None and held.keyframe is keyframe else None
 
@@ -213,7 +223,7 @@ class Instants:
         )
         if moment is None:
             return
-        velocity = self._velocity_of(moment.keyframe)
+        velocity = self.velocity_of(moment.keyframe)
         if exposed and velocity is not None:
             self.exposure.learn(moment, velocity, frames * moment.period)
         if wanted:

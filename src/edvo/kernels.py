@@ -3950,6 +3950,7 @@ def row_equations(
     weight: int,
     tuning: float,
     sigma: float,
+    stride: int,
     H_row: F64,
     H_rows: F64,
     b_row: F64,
@@ -3957,11 +3958,11 @@ def row_equations(
     """Accumulate J^T W J times the row and its square, and J^T W r times the row.
 
     Rows go from -1/2 to 1/2. ``gradients`` are those of the reference, ``residuals`` one for each
-    sample, ``matches`` and ``trust`` as `align` gives them.
+    sample, ``matches`` and ``trust`` as `align` gives them. One sample in ``stride`` counts.
     """
     J = np.empty(6)
     inverse = 1 / (sigma * sigma)
-    for i in range(matches.size):
+    for i in range(0, matches.size, stride):
         k = matches[i]
         if k < 0:
             continue
@@ -3989,6 +3990,104 @@ def row_equations(
                 H_rows[m, n] += row * wj * J[n]
     mirror_lower(H_row)
     mirror_lower(H_rows)
+
+
+@compiled
+def note_change(velocity: F64, share: float, last: F64, changes: F64) -> None:
+    """Bring ``changes``, a mean of squares of steps, nearer to that from ``last`` by a share."""
+    for i in range(6):
+        for j in range(6):
+            square = (velocity[i] - last[i]) * (velocity[j] - last[j])
+            changes[i, j] += share * (square - changes[i, j])
+    last[:] = velocity
+
+
+@lean
+def add_pushed(
+    L: F64,
+    pushed: F64,
+    apart: F64,
+    changes: F64,
+    seconds: float,
+    variance: float,
+    G: F64,
+    S: F64,
+    GS: F64,
+    part: F64,
+) -> None:
+    """Add G S G^T to the lower half of a part, with G = H^-1 ``pushed`` and H = L L^T.
+
+    S is that of a twist: apart apart^T times a variance, s^2, and changes by twice seconds squared.
+    """
+    for j in range(6):  # a row of G^T, as H and what is pushed are symmetric
+        for i in range(6):
+            G[j, i] = pushed[j, i]
+            S[j, i] = variance * apart[j] * apart[i] + 2 * seconds * seconds * changes[j, i]
+        solve_lower(L, G[j])
+        solve_upper(L, G[j])
+    for m in range(6):
+        for j in range(6):
+            total = 0.0
+            for n in range(6):
+                total += S[m, n] * G[n, j]
+            GS[m, j] = total
+    for i in range(6):
+        for j in range(i + 1):
+            for m in range(6):
+                part[i, j] += G[m, i] * GS[m, j]
+
+
+@compiled
+def instants_part(
+    H: F64,
+    by_rows: F64,
+    by_depth: F64,
+    T: F64,
+    own: F64,
+    key_velocity: F64,
+    own_changes: F64,
+    readout: float,
+    readout_variance: float,
+    delay: float,
+    delay_variance: float,
+    wrong_s2: float,
+    part: F64,
+) -> bool:
+    """Write what a pose scatters by since its parts were not taken at one instant, (6, 6).
+
+    A readout that is off by a second pushes the pose by H^-1 ``by_rows`` times what two velocities
+    differ by, of the camera (its ``own``, 1/s) and its keyframe; a delay of depth by H^-1
+    ``by_depth``. So does a velocity that changes within a readout, s, or a delay, of either image:
+    by as much, squared, as it does from frame to frame, ``own_changes``. An image that is dated
+    wrong is where the camera was then. False, and zeros, where H is not positive definite.
+    """
+    part[:] = 0
+    L, S, G, GS = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
+    if not factorize(H, 0.0, L):
+        return False
+    carry, changes = np.zeros((6, 6)), np.empty((6, 6))
+    velocity, apart = np.empty(6), np.empty(6)
+    write_adjoint(T, carry)
+    multiply_six(carry, own_changes, S)
+    for i in range(6):
+        for j in range(6):
+            changes[i, j] = 0
+            for k in range(6):
+                changes[i, j] += S[i, k] * carry[j, k]
+        velocity[i] = 0
+        for k in range(6):
+            velocity[i] += carry[i, k] * own[k]
+        apart[i] = velocity[i] - key_velocity[i]
+    if readout != 0 or readout_variance != 0:
+        add_pushed(L, by_rows, apart, changes, readout, readout_variance, G, S, GS, part)
+    if delay != 0 or delay_variance != 0:
+        add_pushed(L, by_depth, apart, changes, delay, delay_variance, G, S, GS, part)
+    for i in range(6):
+        for j in range(i + 1):
+            squares = velocity[i] * velocity[j] + key_velocity[i] * key_velocity[j]
+            part[i, j] += wrong_s2 * squares
+    mirror_lower(part)
+    return True
 
 
 @lean
@@ -4922,6 +5021,7 @@ def score_parts(
     H: F64,
     blur: F64,
     parts: F64,
+    by_depth: F64,
 ) -> None:
     """Write the curvature H at T and what scatters the score J^T W r there, parts (4, 6, 6).
 
@@ -4935,9 +5035,10 @@ def score_parts(
     observed, s(w J r); those of planes; that of depths which are off together by their ``noise``
     (N,), m; and the score of all edges at once, which that of the planes holds in balance. J and r
     of an edge are multiplied by its ``trust`` (N,), as in ``align``. H is in px^2, as is that of
-    ``align``; parts are in px^4.
+    ``align``, and ``by_depth``, what planes add to it; parts are in px^4.
     """
     parts[:] = 0
+    by_depth[:] = 0
     cols = int(camera.width / cell) + 1
     count = cols * (int(camera.height / cell) + 1)
     seen, flat, nearer = np.zeros((count, 6)), np.zeros((count, 6)), np.zeros((count, 6))
@@ -5002,10 +5103,10 @@ def score_parts(
             subtract_normals(matches, at, n, surface.normals, T, table, D)
             cells_of_image(table, n, camera, 1 / cell, cols, count, cells)
             add_columns(table, D, n, inverse, TUKEY, TUKEY_TUNING, cells, pairs, blurs, flat)
-        H_planes, blur_planes = np.empty((6, 6)), np.empty((6, 6))
-        sum_pairs(pairs, scale, H_planes)
+        blur_planes = np.empty((6, 6))
+        sum_pairs(pairs, scale, by_depth)
         sum_pairs(blurs, 0.5 * scale, blur_planes)
-        H += H_planes
+        H += by_depth
         blur += blur_planes
         flat *= scale
     total = np.zeros((1, 6))

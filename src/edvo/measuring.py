@@ -114,6 +114,8 @@ class Estimate:
         its variance.
     value : float
         The most likely one, or 0 as long as that is not to be told from it.
+    doubt : float
+        Mean square of what the value is off by; 0 where nobody asks.
     """
 
     def __init__(self, expected: float, *, wanted: bool = True, shared: float = SHARED) -> None:
@@ -131,6 +133,7 @@ class Estimate:
         self.variance = 1 / (information + 1 / self._variance)
         self.likely = weighted * self.variance
         self.value = self.likely if self.likely**2 > SURE * SURE * self.variance else 0.0
+        self.doubt = self.variance + (self.likely - self.value) ** 2 if self.wanted else 0.0
 
     def is_known(self, sigma: float) -> bool:
         """Say whether it is certain, or not asked for.

@@ -45,9 +45,11 @@ from edvo.sharing import SharedErrors
 from edvo.stale import StaleDepth
 from edvo.standing import Standing
 from edvo.status import Judge, Status
+from edvo.timing import Timing
 from edvo.tracked import Record, TrackedFrame
 from edvo.trajectory import Trajectory
 from edvo.uncertainty import Uncertainty, degenerate_directions, describe
+from edvo.unshared import Unshared
 from edvo.upkeep import Upkeep
 
 __all__ = ["Odometry", "StageClock", "Status", "TrackedFrame"]
@@ -177,6 +179,8 @@ class Odometry:
         )
         self._blind = Blind(kit, course, self._doubt)
         self._leading = Leading(kit, course, self._locator)
+        self._timing = Timing(kit, course)
+        self._unshared = Unshared(kit, course, self._locator)
 
     @property
     def trajectory(self) -> Trajectory:
@@ -258,6 +262,9 @@ class Odometry:
             other = self._earlier.go_back(seen)
             if other is not None:
                 alignment, status, reason, is_back = other, Status.TRACKED, "", True
+        if status is Status.LOST and not self._standing.is_moving(frame.timestamp):
+            excuse = self._unshared.excuse(seen, alignment)
+            status, reason = (Status.DEGRADED, excuse) if excuse else (status, reason)
         led = self._led(seen) if status is Status.LOST else None
         if led is not None:
             alignment, status, reason, still = led, Status.DEGRADED, LEADS, None
@@ -447,12 +454,17 @@ class Odometry:
         T_last_cur, seconds = course.moved(T_key_cur, timestamp)
         period = seconds if course.is_blind else course.period(timestamp)
         follows = course.follows(timestamp) and found is None
-        covariance = self._covariance(registered, alignment, compared)
+        covariance, by_depth = self._covariance(registered, alignment, compared)
         self._move(timestamp, alignment, covariance, T_last_cur, seconds, period, follows=follows)
         velocity = course.velocity if follows else None
         if found is not None:
             velocity = found.velocity
             course.velocity = np.zeros(6) if velocity is None else velocity
+        told = covariance
+        if covariance is not None:
+            with self._clock("uncertainty"):
+                since = period if follows else None
+                told = self._timing.widened(covariance, registered, alignment, by_depth, since)
         course.is_blind = False
         doubt.mind_leap(timestamp, is_proven=found is not None)
         if follows and still is None and status is Status.DEGRADED:
@@ -460,7 +472,7 @@ class Odometry:
         self._recovery.note()
         if status is Status.TRACKED and doubt.lasts(timestamp):
             status, reason = Status.DEGRADED, doubt.reason
-        doubt.is_sure = status is Status.TRACKED
+        was_sure, doubt.is_sure = doubt.is_sure, status is Status.TRACKED
         if doubt.is_sure:
             doubt.note_sure(timestamp, course.T_key_last)
             self._judge.note(alignment, is_stale=seen.is_stale)
@@ -477,9 +489,9 @@ class Odometry:
             self._shared.interrupt()
             self._instants.interrupt()
         loose = np.empty((0, 6))
-        if covariance is not None:
+        if told is not None:
             with self._clock("uncertainty"):
-                loose = degenerate_directions(covariance)
+                loose = degenerate_directions(told)
         degenerate = tuple(describe(way) for way in loose)
         if course.anchor is not None and not degenerate:  # else it may still be off along those
             if course.unseen(timestamp) > LONG_LOST_S:
@@ -515,7 +527,7 @@ class Odometry:
         )
         if is_keyframe and follows:
             doubt.mind_start(alignment, timestamp)
-        if is_keyframe and self._inertia.is_adrift:
+        if is_keyframe and (self._inertia.is_adrift or (degenerate and not was_sure)):
             doubt.cast_on_way(timestamp)
         if is_keyframe and (tells_more or self._inertia.is_adrift):
             self._earlier.leave(timestamp)
@@ -528,7 +540,7 @@ class Odometry:
             is_keyframe=is_keyframe,
             seen=registered,
             alignment=alignment,
-            covariance=covariance,
+            covariance=told,
             degenerate=degenerate,
         )
 
@@ -557,12 +569,12 @@ class Odometry:
         seen: Seen,
         alignment: Alignment,
         compared: tuple[PlaneMap, PlanePoints, DepthTerm],
-    ) -> NDArray[np.float64] | None:
-        """How far a registration may be off, where that is asked for."""
+    ) -> tuple[NDArray[np.float64] | None, NDArray[np.float64]]:
+        """How far a registration may be off, where that is asked for, and what depth tells."""
         if self.config.status.covariance == "none" and self._course.anchor is None:
-            return None
+            return None, np.zeros((6, 6))
         with self._clock("uncertainty"):
-            return self._uncertainty.covariance(
+            return self._uncertainty.spread(
                 self._course.key.edges, seen.samples, *compared, alignment
             )
 

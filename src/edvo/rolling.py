@@ -139,6 +139,7 @@ class RollingShutter:
             self._solver.weight,
             self._solver.tuning,
             sigma,
+            1,
             H_row,
             H_rows,
             b_row,

@@ -170,6 +170,23 @@ class Search:
             for guess in key.chamfer.beside(seen.samples, starts)
         )
 
+    def is_shared(self, key: Keyframe, found: Alignment, seen: Seen) -> bool:
+        """Whether of what both have in view most is where a registration says, both ways.
+
+        Parameters
+        ----------
+        key : Keyframe
+        found : Alignment
+            Of the frame, with that.
+        seen : Seen
+            The frame.
+
+        Returns
+        -------
+        bool
+        """
+        return self._hunter.is_shared(key, found, seen)
+
     def everywhere(
         self,
         store: KeyframeStore,

@@ -79,7 +79,13 @@ class Judge:
             self._usual, self._unasked = max(alignment.sigma_depth, faded), 0
 
     def judge(
-        self, alignment: Alignment, speed: float, turn: float, *, follows: bool = False
+        self,
+        alignment: Alignment,
+        speed: float,
+        turn: float,
+        *,
+        follows: bool = False,
+        is_shared: bool = False,
     ) -> tuple[Status, str]:
         """Say how far a registration is to be trusted, and why not further.
 
@@ -93,6 +99,8 @@ class Judge:
         follows : bool
             Whether it follows closely on the last pose: depth that is as far off as it was there
             contradicts nothing, and fewer edges may fit if enough are in their places.
+        is_shared : bool
+            Whether those that both images have in view fit, however few these are of all.
 
         Returns
         -------
@@ -105,11 +113,12 @@ class Judge:
         fitting, agreeing = status.min_inliers, status.min_agreeing
         if follows and self.scatter.is_sharp(alignment):
             fitting, agreeing = min(fitting, agreeing), min(CHANCE, agreeing)
-        if misfit := _misfit(alignment, fitting, agreeing):
+        misfit = _misfit(alignment, fitting, agreeing)
+        if misfit and not is_shared:
             return Status.LOST, misfit
         if jump := self.jump(speed, turn):
             return Status.LOST, jump
-        doubt = self._poor_fit(alignment) if alignment.converged else alignment.reason
+        doubt = misfit or (self._poor_fit(alignment) if alignment.converged else alignment.reason)
         limit = status.max_depth_sigma
         if follows and not math.isinf(self._usual):
             limit = max(limit, self._usual)

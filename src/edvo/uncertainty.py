@@ -50,6 +50,27 @@ SHARES = Shares(edges=7.0, planes=2.2, depth=0.75, tension=2.3)
 _SHARES = np.array(SHARES)
 
 
+class Parts(NamedTuple):
+    """What a covariance is made of.
+
+    Attributes
+    ----------
+    H : ndarray of float64, shape (6, 6)
+        J^T W J at the pose found, px^2.
+    blur : ndarray of float64, shape (6, 6)
+        What of H is noise of the normals, about.
+    parts : ndarray of float64, shape (4, 6, 6)
+        Covariances of the score J^T W r by each source of error, in the order of `Shares`.
+    by_depth : ndarray of float64, shape (6, 6)
+        What of H depth tells.
+    """
+
+    H: NDArray[np.float64]
+    blur: NDArray[np.float64]
+    parts: NDArray[np.float64]
+    by_depth: NDArray[np.float64]
+
+
 class Uncertainty:
     """Gives the covariance of registrations, by a fixed set of parameters.
 
@@ -83,7 +104,7 @@ class Uncertainty:
         points: PlanePoints,
         term: DepthTerm,
         alignment: Alignment,
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    ) -> Parts:
         """Give what the covariance is made of.
 
         Parameters
@@ -99,14 +120,10 @@ class Uncertainty:
 
         Returns
         -------
-        H : ndarray of float64, shape (6, 6)
-            J^T W J at the pose found, px^2.
-        blur : ndarray of float64, shape (6, 6)
-            What of H is noise of the normals, about.
-        parts : ndarray of float64, shape (4, 6, 6)
-            Covariances of the score J^T W r by each source of error, in the order of `Shares`.
+        Parts
         """
         H, blur, parts = np.empty((6, 6)), np.empty((6, 6)), np.empty((4, 6, 6))
+        by_depth = np.empty((6, 6))
         kernels.score_parts(
             reference.edges.pixels,
             reference.edges.gradients,
@@ -128,8 +145,9 @@ class Uncertainty:
             H,
             blur,
             parts,
+            by_depth,
         )
-        return H, blur, parts
+        return Parts(H, blur, parts, by_depth)
 
     def covariance(
         self,
@@ -148,12 +166,33 @@ class Uncertainty:
             See `combine`. What edges could tell, but those that do are left out, is not known,
             either, and has 1 m or 1 rad more.
         """
-        H, blur, parts = self.parts(reference, samples, planes, points, term, alignment)
+        return self.spread(reference, samples, planes, points, term, alignment)[0]
+
+    def spread(
+        self,
+        reference: EdgeIndex,
+        samples: EdgePixels,
+        planes: PlaneMap,
+        points: PlanePoints,
+        term: DepthTerm,
+        alignment: Alignment,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Give the covariance of a registration, and what depth tells; for the rest see `parts`.
+
+        Returns
+        -------
+        covariance : ndarray of float64, shape (6, 6)
+            See `covariance`.
+        by_depth : ndarray of float64, shape (6, 6)
+            See `Parts`.
+        """
+        told = self.parts(reference, samples, planes, points, term, alignment)
         sigma, C = _scale(alignment), np.empty((6, 6))
-        if not kernels.combine_parts(H, blur, parts, DOUBT, _SHARES, sigma**4, PRIOR, C):
-            C = combine(without_blur(H, blur), parts, sigma)
+        given = told.H, told.blur, told.parts
+        if not kernels.combine_parts(*given, DOUBT, _SHARES, sigma**4, PRIOR, C):
+            C = combine(without_blur(told.H, told.blur), told.parts, sigma)
         untold = self.evidence.untold(reference.edges, samples, alignment)
-        return C + untold.T @ untold if len(untold) else C
+        return (C + untold.T @ untold if len(untold) else C), told.by_depth
 
 
 def _scale(alignment: Alignment) -> float:
