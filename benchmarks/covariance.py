@@ -101,7 +101,7 @@ class _Recorder(Uncertainty):
 
     def parts(self, *given: Any, **named: Any) -> Parts:
         found = super().parts(*given, **named)
-        self.last = without_blur(found.H, found.blur), found.parts
+        self.last = without_blur(found.curvature, found.blur), found.parts
         return found
 
 

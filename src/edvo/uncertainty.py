@@ -51,24 +51,12 @@ _SHARES = np.array(SHARES)
 
 
 class Parts(NamedTuple):
-    """What a covariance is made of.
+    """What a covariance is made of; see docs/theory/covariance.md."""
 
-    Attributes
-    ----------
-    H : ndarray of float64, shape (6, 6)
-        J^T W J at the pose found, px^2.
-    blur : ndarray of float64, shape (6, 6)
-        What of H is noise of the normals, about.
-    parts : ndarray of float64, shape (4, 6, 6)
-        Covariances of the score J^T W r by each source of error, in the order of `Shares`.
-    by_depth : ndarray of float64, shape (6, 6)
-        What of H depth tells.
-    """
-
-    H: NDArray[np.float64]
-    blur: NDArray[np.float64]
-    parts: NDArray[np.float64]
-    by_depth: NDArray[np.float64]
+    curvature: NDArray[np.float64]  # H = J^T W J at the pose found, (6, 6), px^2
+    blur: NDArray[np.float64]  # what of H is noise of the normals, about
+    parts: NDArray[np.float64]  # of the score J^T W r by each source, (4, 6, 6), as in `Shares`
+    by_depth: NDArray[np.float64]  # what of H depth tells
 
 
 class Uncertainty:
@@ -188,9 +176,9 @@ class Uncertainty:
         """
         told = self.parts(reference, samples, planes, points, term, alignment)
         sigma, C = _scale(alignment), np.empty((6, 6))
-        given = told.H, told.blur, told.parts
+        given = told.curvature, told.blur, told.parts
         if not kernels.combine_parts(*given, DOUBT, _SHARES, sigma**4, PRIOR, C):
-            C = combine(without_blur(told.H, told.blur), told.parts, sigma)
+            C = combine(without_blur(told.curvature, told.blur), told.parts, sigma)
         untold = self.evidence.untold(reference.edges, samples, alignment)
         return (C + untold.T @ untold if len(untold) else C), told.by_depth
 
