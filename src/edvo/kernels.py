@@ -3994,7 +3994,10 @@ def row_equations(
 
 @compiled
 def note_change(velocity: F64, share: float, last: F64, changes: F64) -> None:
-    """Bring ``changes``, a mean of squares of steps, nearer to that from ``last`` by a share."""
+    """Bring ``changes``, a mean of squares of steps, nearer to that from ``last`` by a share.
+
+    Velocities are (6,), 1/s, and changes (6, 6). Then ``last`` is the velocity.
+    """
     for i in range(6):
         for j in range(6):
             square = (velocity[i] - last[i]) * (velocity[j] - last[j])
@@ -4018,6 +4021,7 @@ def add_pushed(
     """Add G S G^T to the lower half of a part, with G = H^-1 ``pushed`` and H = L L^T.
 
     S is that of a twist: apart apart^T times a variance, s^2, and changes by twice seconds squared.
+    All are (6, 6), but for ``apart`` (6,), 1/s; G, S and GS are room to work in.
     """
     for j in range(6):  # a row of G^T, as H and what is pushed are symmetric
         for i in range(6):
@@ -4059,7 +4063,8 @@ def instants_part(
     differ by, of the camera (its ``own``, 1/s) and its keyframe; a delay of depth by H^-1
     ``by_depth``. So does a velocity that changes within a readout, s, or a delay, of either image:
     by as much, squared, as it does from frame to frame, ``own_changes``. An image that is dated
-    wrong is where the camera was then. False, and zeros, where H is not positive definite.
+    wrong is where the camera was then. H and what is pushed are in px^2, (6, 6), as is the part, of
+    the twist [v, w] in the reference's camera. False, and zeros, where H is not positive definite.
     """
     part[:] = 0
     L, S, G, GS = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))

@@ -115,7 +115,7 @@ class Estimate:
     value : float
         The most likely one, or 0 as long as that is not to be told from it.
     doubt : float
-        Mean square of what the value is off by; 0 where nobody asks.
+        Mean square of what the value is off by, in its unit squared; 0 where nobody asks.
     """
 
     def __init__(self, expected: float, *, wanted: bool = True, shared: float = SHARED) -> None:

@@ -262,9 +262,8 @@ class Odometry:
             other = self._earlier.go_back(seen)
             if other is not None:
                 alignment, status, reason, is_back = other, Status.TRACKED, "", True
-        if status is Status.LOST and not self._standing.is_moving(frame.timestamp):
-            excuse = self._unshared.excuse(seen, alignment)
-            status, reason = (Status.DEGRADED, excuse) if excuse else (status, reason)
+            elif excuse := self._unshared.excuse(seen, alignment):
+                status, reason = Status.DEGRADED, excuse
         led = self._led(seen) if status is Status.LOST else None
         if led is not None:
             alignment, status, reason, still = led, Status.DEGRADED, LEADS, None

@@ -54,9 +54,9 @@ class Parts(NamedTuple):
     """What a covariance is made of; see docs/theory/covariance.md."""
 
     curvature: NDArray[np.float64]  # H = J^T W J at the pose found, (6, 6), px^2
-    blur: NDArray[np.float64]  # what of H is noise of the normals, about
-    parts: NDArray[np.float64]  # of the score J^T W r by each source, (4, 6, 6), as in `Shares`
-    by_depth: NDArray[np.float64]  # what of H depth tells
+    blur: NDArray[np.float64]  # what of H is noise of the normals, about, (6, 6), px^2
+    parts: NDArray[np.float64]  # of the score J^T W r by each source of `Shares`, (4, 6, 6), px^4
+    by_depth: NDArray[np.float64]  # what of H depth tells, (6, 6), px^2
 
 
 class Uncertainty:
