@@ -19,6 +19,7 @@ KNOWN = 6  # frames, until the usual scale is known
 ALONE = "motion.search_deg=0", "keyframes.earlier=0", "status.max_conflict=0"
 ALONE = *ALONE, "status.depth_jump=1e6", "status.max_depth_sigma=1e6", "edges.carried=kept"
 ALONE = *ALONE, "planes.lead=none"
+LOST = Config().with_overrides(["status.leaps=lost"])  # whether they are borne out is not asked
 ONE_UP = np.array([0.0, -0.17, 0.28, 0.0, 0.0, 0.0])  # about a step of the stairs
 
 
@@ -85,7 +86,7 @@ def test_where_it_is_not_asked_or_there_is_no_depth_it_is(stairs, monkeypatch, o
 
 def test_where_nothing_else_is_found_it_is_lost(stairs, monkeypatch):
     camera, frames, _ = stairs
-    odometry = Odometry(camera)
+    odometry = Odometry(camera, LOST)
     for frame in frames[: KNOWN - 1]:
         assert odometry.track(frame).status is Status.TRACKED
     odometry._course.velocity[:3] += 2.0  # by which it is expected 0.1 m off
@@ -97,7 +98,7 @@ def test_where_nothing_else_is_found_it_is_lost(stairs, monkeypatch):
 def test_found_again_after_a_leap_the_way_there_is_in_doubt_for_a_second(stairs):
     """Among things that are alike it may be the next one, now as then."""
     camera, frames, _ = stairs
-    odometry = Odometry(camera)
+    odometry = Odometry(camera, LOST)
     results = [odometry.track(frame) for frame in frames[:2]]
     odometry._course.velocity[:3] += 2.0
     results += [odometry.track(frames[2])]
@@ -123,7 +124,7 @@ def test_after_a_frame_that_a_jerk_has_blurred_it_may_be_where_it_was_bound_for(
 ):
     """Expected 0.07 m off by a pose that fitted poorly, but not by that before it."""
     camera, frames, _ = stairs
-    odometry = Odometry(camera)
+    odometry = Odometry(camera, LOST)
     for frame in frames[:KNOWN]:
         odometry.track(frame)
     course = odometry._course

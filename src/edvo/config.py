@@ -676,6 +676,19 @@ class StatusConfig(Section):
         "that both have in view, six tenths fit, one way times the other, and the keyframe "
         "registered with it leads back; or they count, and it is lost. Not in the paper",
     )
+    leaps: Literal["asked", "lost"] = Field(
+        default="asked",
+        description="a frame that follows closely, and is farther from where it was expected than "
+        "a hand moves a camera (edge_jump): it is degraded if, of what it and its keyframe have in "
+        "view, eight tenths fit, one way times the other, nothing beside it fits as well, and no "
+        "motion is left open; or it is lost. Needs motion.search_deg. Not in the paper",
+    )
+    just_lost: Literal["by-faint-edges", "as-any"] = Field(
+        default="by-faint-edges",
+        description="a frame that is lost, as one to three just before it were, of the last 0.2 s: "
+        "registered once more by faint edges (edges.faint_scale), too, and kept if of these eight "
+        "tenths agree; or lost as any other. Not in the paper",
+    )
     covariance: Literal["instants", "cells", "none"] = Field(
         default="instants",
         description="how far a pose may be off, and which motions nothing constrains, which "
@@ -920,6 +933,8 @@ PRESETS: dict[str, dict[str, Any]] = {
             "sudden_change": "ignore",
             "torn": "ignore",
             "unshared": "counted",
+            "leaps": "lost",
+            "just_lost": "as-any",
             "edge_jump": 0.0,
             "min_told": 0.0,
         },

@@ -158,6 +158,21 @@ class Course:
         """
         return not self.losses and self.period(timestamp) <= LONGEST_PREDICTION_S
 
+    def is_just_lost(self, timestamp: float) -> bool:
+        """Whether it was lost so recently that it is near to where it is expected.
+
+        Parameters
+        ----------
+        timestamp : float
+            Seconds.
+
+        Returns
+        -------
+        bool
+        """
+        few = 0 < self.losses <= LONG_LOST_FRAMES
+        return few and self.period(timestamp) <= LONGEST_PREDICTION_S
+
     def is_far_step(self, timestamp: float) -> bool:
         """Whether so few frames come that the camera may be far from where the last one was.
 

@@ -25,6 +25,7 @@ STEPPED = "a far step less than a second ago"
 WAS_LOOSE = "hardly constrained less than a second ago"
 PUT_RIGHT = "put right less than a second ago: till then it went along what hardly an edge told"
 FOUND_FAR = "found again less than a second ago, lost where it would have leapt"
+LEAPT_HERE = "less than a second ago it leapt, or was astray till then"
 # Motion alone does not change a view so much in so short a time: light does, or a hand that comes.
 JUST_NOW_S = 0.1
 CALM, ASK_S = 0.25, 0.05  # less than that of max_conflict is none; then depth rests so long, s
@@ -145,6 +146,16 @@ class Doubt:
         if self._has_leapt and not is_proven:
             self.cast_on_way(timestamp, FOUND_FAR)
         self._has_leapt = False
+
+    def mind_excused_leap(self, timestamp: float) -> None:
+        """Doubt the way to where it is now, as it leapt there: what was before may be off.
+
+        Parameters
+        ----------
+        timestamp : float
+            Seconds.
+        """
+        self.cast_on_way(timestamp, LEAPT_HERE)
 
     def is_way_loose(self, timestamp: float) -> bool:
         """Whether the way here is in doubt.

@@ -177,7 +177,9 @@ class Hunter:
         places = distinct([*places, *others])
         return [place for place in places if place.worth > RIVAL * places[0].worth]
 
-    def is_shared(self, key: Keyframe, found: Alignment, seen: Seen) -> bool:
+    def is_shared(
+        self, key: Keyframe, found: Alignment, seen: Seen, least_fit: float | None = None
+    ) -> bool:
         """Whether a registration explains most of what both have in view, and leads back.
 
         Parameters
@@ -187,6 +189,8 @@ class Hunter:
             Of the frame, with that.
         seen : Seen
             The frame.
+        least_fit : float, optional
+            How much has to be, one way times the other; as for a lost camera where not given.
 
         Returns
         -------
@@ -194,7 +198,8 @@ class Hunter:
         """
         hunt = self.hunt(seen, (), 0.0)
         back, fit = self._both_ways(hunt, key, found, turned=True)
-        return fit >= hunt.least_fit and _is_loop(found, back)
+        enough = hunt.least_fit if least_fit is None else least_fit
+        return fit >= enough and _is_loop(found, back)
 
     def _place(self, hunt: Hunt, key: Keyframe, T_world_start: NDArray[np.float64]) -> Place | None:
         """Register all samples both ways with a keyframe, if that stands all tests."""

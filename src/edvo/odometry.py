@@ -25,6 +25,7 @@ from edvo.doubt import ASTRAY, CHANGED, Doubt
 from edvo.earlier import Back, EarlierKeyframes
 from edvo.errors import ConfigError, FrameError
 from edvo.exposure import Exposure
+from edvo.faint import FaintEdges
 from edvo.frame import Frame, finite_seconds
 from edvo.freeze import FREEZE_S, Freeze
 from edvo.front_end import FrontEnd
@@ -32,6 +33,7 @@ from edvo.inertia import Inertia
 from edvo.instants import Instants
 from edvo.kit import Kit
 from edvo.leading import LEADS, Leading
+from edvo.leaping import Leaping
 from edvo.locating import Locator
 from edvo.parting import Parting
 from edvo.pieces import Pieces
@@ -181,6 +183,8 @@ class Odometry:
         self._leading = Leading(kit, course, self._locator)
         self._timing = Timing(kit, course)
         self._unshared = Unshared(kit, course, self._locator)
+        self._leaping = Leaping(kit, course, self._doubt)
+        self._faint = FaintEdges(kit, course, self._pieces, self._locator)
 
     @property
     def trajectory(self) -> Trajectory:
@@ -262,8 +266,10 @@ class Odometry:
             other = self._earlier.go_back(seen)
             if other is not None:
                 alignment, status, reason, is_back = other, Status.TRACKED, "", True
-            elif excuse := self._unshared.excuse(seen, alignment):
+            elif excuse := self._excuse(seen, alignment, reason):
                 status, reason = Status.DEGRADED, excuse
+            elif (again := self._faint.look(seen, self._record.count)) is not None:
+                seen, alignment, status, reason = again
         led = self._led(seen) if status is Status.LOST else None
         if led is not None:
             alignment, status, reason, still = led, Status.DEGRADED, LEADS, None
@@ -323,6 +329,11 @@ class Odometry:
         self._upkeep.catch_up()
         self._rewind(timestamp)
         return self._lose(timestamp, reason)
+
+    def _excuse(self, seen: Seen, alignment: Alignment, reason: str) -> str:
+        """Say why a frame that is lost is only degraded; empty where it is lost."""
+        excuse = self._unshared.excuse(seen, alignment)
+        return excuse or self._leaping.excuse(seen, alignment, reason)
 
     def _led(self, seen: Seen) -> Alignment | None:
         """Go on by depth alone where a frame is lost by its edges, unless something moves."""

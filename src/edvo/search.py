@@ -170,7 +170,9 @@ class Search:
             for guess in key.chamfer.beside(seen.samples, starts)
         )
 
-    def is_shared(self, key: Keyframe, found: Alignment, seen: Seen) -> bool:
+    def is_shared(
+        self, key: Keyframe, found: Alignment, seen: Seen, least_fit: float | None = None
+    ) -> bool:
         """Whether of what both have in view most is where a registration says, both ways.
 
         Parameters
@@ -180,12 +182,14 @@ class Search:
             Of the frame, with that.
         seen : Seen
             The frame.
+        least_fit : float, optional
+            How much of it, one way times the other; six tenths where not given.
 
         Returns
         -------
         bool
         """
-        return self._hunter.is_shared(key, found, seen)
+        return self._hunter.is_shared(key, found, seen, least_fit)
 
     def everywhere(
         self,

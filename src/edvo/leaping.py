@@ -1,0 +1,77 @@
+"""Leaps that all of a frame bears out, as where a camera is knocked.
+
+Not in the paper. What is farther from where it was expected than a hand moves a camera is the next
+of things that are alike, more often than not. But a camera is knocked, too, or was astray a frame
+ago and is right by now. Then all of both images fits, and nothing beside it does.
+"""
+
+from edvo.assessing import LEAPT
+from edvo.course import Course
+from edvo.doubt import Doubt
+from edvo.kit import Kit
+from edvo.registration import Alignment
+from edvo.seen import Seen
+from edvo.status import SURE
+from edvo.uncertainty import degenerate_directions
+
+BORNE_OUT = ", but all that both images have in view fits there, and nowhere beside"
+
+
+class Leaping:
+    """Excuses leaps that all of a frame bears out.
+
+    Parameters
+    ----------
+    kit : Kit
+    course : Course
+    doubt : Doubt
+        Told of the way to where one leads.
+    """
+
+    def __init__(self, kit: Kit, course: Course, doubt: Doubt) -> None:
+        self._course, self._doubt = course, doubt
+        self._search, self._judge, self._clock = kit.search, kit.judge, kit.clock
+        self._uncertainty, self._fitter = kit.uncertainty, kit.fitter
+        rule = kit.config
+        self._is_on = rule.status.leaps == "asked" and rule.motion.search_deg > 0
+
+    def excuse(self, seen: Seen, found: Alignment, reason: str) -> str:
+        """Say why a frame that is lost for a leap is only degraded.
+
+        Parameters
+        ----------
+        seen : Seen
+            The frame.
+        found : Alignment
+            With the keyframe.
+        reason : str
+            Why it is lost.
+
+        Returns
+        -------
+        str
+            Empty where it is lost: for another reason, or it may be elsewhere.
+        """
+        course, timestamp = self._course, seen.frame.timestamp
+        if not self._is_on or reason != LEAPT or seen.is_stale:
+            return ""
+        if course.is_blind or not course.follows(timestamp) or self._judge.is_off(found):
+            return ""
+        key = course.key
+        with self._clock("search"):
+            is_there = self._search.is_alone(key, found.T_ref_cur, seen)
+            is_there = is_there and self._search.is_shared(key, found, seen, SURE)
+        if not is_there or self._leaves_open(seen, found):
+            return ""
+        self._doubt.mind_excused_leap(timestamp)
+        return reason + BORNE_OUT
+
+    def _leaves_open(self, seen: Seen, found: Alignment) -> bool:
+        """Whether hardly anything constrains a motion: then it may be anywhere along that."""
+        key, term = self._course.key, self._fitter.term
+        edges = key.edges_for(near=seen.is_near)
+        with self._clock("uncertainty"):
+            covariance = self._uncertainty.covariance(
+                edges, seen.samples, key.planes, seen.points, term, found
+            )
+        return len(degenerate_directions(covariance)) > 0

@@ -1,0 +1,121 @@
+"""Faint edges of frames that are lost just after another."""
+
+from dataclasses import replace
+
+import pytest
+from benchmarks.room_drawing import draw
+
+from edvo import faint, se3
+from edvo.config import Config
+from edvo.datasets import read_ahead
+from edvo.odometry import Odometry, Status
+from edvo.synthesis.sequence import SyntheticSource
+
+from . import problems
+
+COUNT = 8
+AT = 5  # the frame after one that is lost; its floor shows more than that of the keyframe
+AS_ANY = "status.just_lost=as-any"
+
+
+@pytest.fixture(scope="module")
+def floor():
+    """A camera that is knocked before a floor whose edges are faint in some of its images."""
+    source = SyntheticSource(draw(113).recipe(COUNT))
+    frames = [reading.frame for reading in read_ahead(source, range(COUNT))]
+    truth = [source.recipe.motion.at(frame.timestamp) for frame in frames]
+    return source.camera, frames, [se3.inverse(truth[0]) @ T for T in truth]
+
+
+def tracked(floor, *overrides, count=COUNT):
+    camera, frames, _ = floor
+    odometry = Odometry(camera, Config().with_overrides(overrides))
+    return odometry, [odometry.track(frame) for frame in frames[:count]]
+
+
+@pytest.fixture
+def lost(floor):
+    """A tracker that has lost a frame, and the next one as it would lose it."""
+    odometry, results = tracked(floor, count=AT)
+    assert results[-1].status is Status.LOST
+    seen = odometry._front_end.see(floor[1][AT], AT, None, odometry._detail(floor[1][AT].timestamp))
+    assert odometry._locator.locate(seen)[1] is Status.LOST
+    return odometry, seen
+
+
+def test_a_lost_frame_is_found_by_the_edges_that_its_keyframe_shows_faintly(floor):
+    _, results = tracked(floor)
+    assert results[AT - 1].status is Status.LOST
+    for each, T in list(zip(results, floor[2], strict=True))[AT:]:
+        assert each.status is Status.DEGRADED
+        assert problems.error(T, each.T_world_cam)[0] < 0.01
+    assert results[AT].alignment.agreeing > 0.8 * len(results[AT].alignment.matches)
+    assert all(result.status is Status.LOST for result in tracked(floor, AS_ANY)[1][AT:])
+
+
+def test_the_paper_takes_them_as_any_frame():
+    assert Config.preset("paper").status.just_lost == "as-any"
+    assert Config().status.just_lost == "by-faint-edges"
+
+
+def test_it_shows_faint_edges_and_is_judged_by_them(lost):
+    odometry, seen = lost
+    found = odometry._faint.look(seen, AT)
+    assert found is not None
+    assert found.seen.is_near
+    assert found.seen.edges.is_faint
+    assert len(found.seen.edges) > len(seen.edges)
+    assert len(found.alignment.matches) == len(found.seen.samples)
+    assert found.status is not Status.LOST
+
+
+def test_only_of_a_frame_just_lost(lost):
+    odometry, seen = lost
+    look, course = odometry._faint.look, odometry._course
+    assert look(seen, AT)
+    for losses in (0, 4):
+        course.losses = losses
+        assert look(seen, AT) is None
+    course.losses = 3
+    assert look(seen, AT)
+    course.last_time -= 0.2
+    assert look(seen, AT) is None
+
+
+def test_not_where_it_would_tell_nothing_new(lost):
+    odometry, seen = lost
+    look, course = odometry._faint.look, odometry._course
+    assert look(replace(seen, is_stale=True), AT) is None
+    course.is_blind = True
+    assert look(seen, AT) is None
+    course.is_blind = False
+    course.anchor = seen.frame.timestamp, course.T_world_last
+    assert look(seen, AT) is None
+    course.anchor = None
+    odometry._pieces.here = 1  # a path begun anew
+    assert look(seen, AT) is None
+    odometry._pieces.here = 0
+    course.keyframe = replace(course.key, telling=course.key.edges)
+    assert look(seen, AT) is None
+
+
+@pytest.mark.parametrize("share", [0.79, 0.81])
+def test_eight_tenths_have_to_agree(lost, monkeypatch, share):
+    odometry, seen = lost
+    locate = odometry._faint._locator.locate
+
+    def fewer(again):
+        alignment, status, reason = locate(again)
+        agreeing = int(share * len(again.samples)) + 1
+        return replace(alignment, agreeing=agreeing), status, reason
+
+    monkeypatch.setattr(odometry._faint._locator, "locate", fewer)
+    assert (odometry._faint.look(seen, AT) is not None) == (share > faint.SURE)
+
+
+def test_not_what_is_lost_all_the_same(lost, monkeypatch):
+    odometry, seen = lost
+    locate = odometry._faint._locator.locate
+    fails = lambda again: (locate(again)[0], Status.LOST, "elsewhere")  # noqa: E731
+    monkeypatch.setattr(odometry._faint._locator, "locate", fails)
+    assert odometry._faint.look(seen, AT) is None

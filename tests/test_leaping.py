@@ -1,0 +1,143 @@
+"""Leaps that all of a frame bears out, and frames that are lost for theirs."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from benchmarks.room_drawing import draw
+
+from edvo import leaping, se3
+from edvo.assessing import LEAPT
+from edvo.clock import no_clock
+from edvo.config import Config
+from edvo.datasets import read_ahead
+from edvo.doubt import LEAPT_HERE
+from edvo.leaping import BORNE_OUT
+from edvo.odometry import Odometry, Status
+from edvo.synthesis.sequence import SyntheticSource
+
+from . import problems
+
+COUNT = 5
+AT = 2  # the frame before which the camera is knocked
+LOST = "status.leaps=lost"
+
+
+@pytest.fixture(scope="module")
+def knocked():
+    """A camera that is knocked, in a room drawn at random."""
+    source = SyntheticSource(draw(89).recipe(COUNT))
+    frames = [reading.frame for reading in read_ahead(source, range(COUNT))]
+    truth = [source.recipe.motion.at(frame.timestamp) for frame in frames]
+    return source.camera, frames, [se3.inverse(truth[0]) @ T for T in truth]
+
+
+def tracked(knocked, *overrides, count=COUNT):
+    camera, frames, _ = knocked
+    odometry = Odometry(camera, Config().with_overrides(overrides))
+    return odometry, [odometry.track(frame) for frame in frames[:count]]
+
+
+@pytest.fixture
+def leapt(knocked):
+    """A tracker, and the frame and its registration, which it calls lost for its leap."""
+    odometry, _ = tracked(knocked, count=AT)
+    frame = knocked[1][AT]
+    detail, lead = odometry._detail(frame.timestamp), odometry._lead(frame)
+    seen = odometry._front_end.see(frame, AT, lead, detail)
+    found, status, reason = odometry._locator.locate(seen)
+    assert (status, reason) == (Status.LOST, LEAPT)
+    return odometry, seen, found
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_frame_that_is_where_a_knock_has_put_it_is_not_lost(knocked, seed):
+    _, results = tracked(knocked, f"seed={seed}")
+    assert results[AT].reason == LEAPT + BORNE_OUT
+    assert results[AT].status is Status.DEGRADED
+    for each, T in zip(results, knocked[2], strict=True):
+        assert problems.error(T, each.T_world_cam)[0] < 0.002
+    assert all(result.status is Status.DEGRADED for result in results[AT + 1 :])
+    lost = tracked(knocked, f"seed={seed}", LOST)[1][AT]
+    assert (lost.status, lost.reason) == (Status.LOST, LEAPT)
+
+
+def test_without_a_search_they_are_lost(leapt):
+    odometry, seen, found = leapt
+    config = odometry.config.with_overrides(["motion.search_deg=0"])
+    kit = SimpleNamespace(
+        config=config,
+        clock=no_clock,
+        search=odometry._search,
+        judge=odometry._judge,
+        uncertainty=odometry._uncertainty,
+        fitter=odometry._fitter,
+    )
+    without = leaping.Leaping(kit, odometry._course, odometry._doubt)
+    assert not without.excuse(seen, found, LEAPT)
+
+
+def test_the_paper_knows_no_leaps():
+    assert Config.preset("paper").status.leaps == "lost"
+    assert Config().status.leaps == "asked"
+
+
+def test_doubt_of_the_way_lasts_for_a_second(leapt):
+    odometry, seen, found = leapt
+    now = seen.frame.timestamp
+    assert not odometry._doubt.is_way_loose(now)
+    assert odometry._leaping.excuse(seen, found, LEAPT)
+    assert odometry._doubt.is_way_loose(now + 0.9)
+    assert odometry._doubt.way_reason == LEAPT_HERE
+    assert not odometry._doubt.is_way_loose(now + 1.1)
+
+
+def test_it_is_excused_for_a_leap_alone(leapt):
+    odometry, seen, found = leapt
+    excuse, course = odometry._leaping.excuse, odometry._course
+    assert excuse(seen, found, LEAPT)
+    assert not excuse(seen, found, "only 43% of the samples fit")
+    assert not excuse(replace(seen, is_stale=True), found, LEAPT)
+    course.is_blind = True
+    assert not excuse(seen, found, LEAPT)
+    course.is_blind = False
+    course.losses = 1  # it does not follow closely
+    assert not excuse(seen, found, LEAPT)
+    course.losses = 0
+    odometry._judge._usual = 0.1  # for once it is known, depth is off
+    assert not excuse(seen, replace(found, sigma_depth=3.0), LEAPT)
+
+
+def test_nothing_beside_it_may_fit_as_well(leapt, monkeypatch):
+    odometry, seen, found = leapt
+    asked = []
+    monkeypatch.setattr(odometry._search, "is_alone", lambda *given: asked.append(given) or False)
+    assert not odometry._leaping.excuse(seen, found, LEAPT)
+    ((key, T_key_cur, what),) = asked
+    assert key is odometry._course.key
+    assert T_key_cur is found.T_ref_cur
+    assert what is seen
+    assert not odometry._doubt.is_way_loose(seen.frame.timestamp)
+
+
+@pytest.mark.parametrize(("share", "is_enough"), [(0.89, False), (0.9, True)])
+def test_eight_tenths_have_to_be_explained(leapt, monkeypatch, share, is_enough):
+    odometry, seen, found = leapt
+    monkeypatch.setattr(odometry._search._hunter, "_explained", lambda *given: share)
+    assert bool(odometry._leaping.excuse(seen, found, LEAPT)) == is_enough
+
+
+def test_no_motion_may_be_left_open(leapt, monkeypatch):
+    odometry, seen, found = leapt
+    open_ways = np.eye(6)[:1]
+    monkeypatch.setattr(leaping, "degenerate_directions", lambda covariance: open_ways)
+    assert not odometry._leaping.excuse(seen, found, LEAPT)
+
+
+def test_before_what_repeats_a_leap_is_lost(leapt):
+    """A registration with all that is seen one step aside, as of a fence: elsewhere fits better."""
+    odometry, seen, found = leapt
+    aside = found.T_ref_cur.copy()
+    aside[0, 3] += 0.15
+    assert not odometry._leaping.excuse(seen, replace(found, T_ref_cur=aside), LEAPT)
