@@ -82,6 +82,20 @@ def test_only_of_a_frame_just_lost(lost):
     assert look(seen, AT) is None
 
 
+@pytest.mark.parametrize(("seconds", "is_just"), [(0.19, True), (0.21, False)])
+def test_just_lost_is_within_a_fifth_of_a_second(lost, seconds, is_just):
+    course = lost[0]._course
+    assert course.is_just_lost(course.last_time + seconds) is is_just
+
+
+def test_how_smeared_a_frame_is_counts_once(lost, monkeypatch):
+    odometry, seen = lost
+    noted = []
+    monkeypatch.setattr(odometry._front_end._smear, "note", lambda *given: noted.append(given))
+    assert odometry._faint.look(seen, AT)
+    assert not noted
+
+
 def test_not_where_it_would_tell_nothing_new(lost):
     odometry, seen = lost
     look, course = odometry._faint.look, odometry._course
