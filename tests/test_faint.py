@@ -49,6 +49,7 @@ def test_a_lost_frame_is_found_by_the_edges_that_its_keyframe_shows_faintly(floo
     for each, T in list(zip(results, floor[2], strict=True))[AT:]:
         assert each.status is Status.DEGRADED
         assert problems.error(T, each.T_world_cam)[0] < 0.01
+    assert results[AT].samples == len(results[AT].alignment.matches)
     assert results[AT].alignment.agreeing > 0.8 * len(results[AT].alignment.matches)
     assert all(result.status is Status.LOST for result in tracked(floor, AS_ANY)[1][AT:])
 
@@ -100,6 +101,7 @@ def test_not_where_it_would_tell_nothing_new(lost):
     odometry, seen = lost
     look, course = odometry._faint.look, odometry._course
     assert look(replace(seen, is_stale=True), AT) is None
+    assert look(replace(seen, is_parted=True), AT) is None
     course.is_blind = True
     assert look(seen, AT) is None
     course.is_blind = False

@@ -1,4 +1,4 @@
-"""Leaps that all of a frame bears out, and frames that are lost for theirs."""
+"""Leaps that a frame bears out, and frames that are lost for theirs."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -73,8 +73,9 @@ def test_without_a_search_they_are_lost(leapt):
         judge=odometry._judge,
         uncertainty=odometry._uncertainty,
         fitter=odometry._fitter,
+        depth_alone=odometry._depth_alone,
     )
-    without = leaping.Leaping(kit, odometry._course, odometry._doubt)
+    without = leaping.Leaping(kit, odometry._course)
     assert not without.excuse(seen, found, LEAPT)
 
 
@@ -83,14 +84,21 @@ def test_the_paper_knows_no_leaps():
     assert Config().status.leaps == "asked"
 
 
-def test_doubt_of_the_way_lasts_for_a_second(leapt):
-    odometry, seen, found = leapt
-    now = seen.frame.timestamp
-    assert not odometry._doubt.is_way_loose(now)
-    assert odometry._leaping.excuse(seen, found, LEAPT)
+def test_doubt_of_the_way_lasts_for_a_second(knocked):
+    odometry, results = tracked(knocked, count=AT + 1)
+    now = results[AT].timestamp
     assert odometry._doubt.is_way_loose(now + 0.9)
     assert odometry._doubt.way_reason == LEAPT_HERE
     assert not odometry._doubt.is_way_loose(now + 1.1)
+
+
+def test_what_depth_contradicts_then_is_lost_by_a_leap(knocked, monkeypatch):
+    odometry, _ = tracked(knocked, count=AT)
+    lost = Status.LOST, "something moves"
+    monkeypatch.setattr(odometry._doubt, "question", lambda *given: lost)
+    assert odometry.track(knocked[1][AT]).status is Status.LOST
+    assert odometry._doubt._has_leapt
+    assert not odometry._doubt.is_way_loose(knocked[1][AT].timestamp)
 
 
 def test_it_is_excused_for_a_leap_alone(leapt):
@@ -99,6 +107,8 @@ def test_it_is_excused_for_a_leap_alone(leapt):
     assert excuse(seen, found, LEAPT)
     assert not excuse(seen, found, "only 43% of the samples fit")
     assert not excuse(replace(seen, is_stale=True), found, LEAPT)
+    bare = replace(seen, samples=seen.samples.every(len(seen.samples) // 20))
+    assert not excuse(bare, found, LEAPT)  # so few that depth has to tell
     course.is_blind = True
     assert not excuse(seen, found, LEAPT)
     course.is_blind = False
@@ -118,7 +128,6 @@ def test_nothing_beside_it_may_fit_as_well(leapt, monkeypatch):
     assert key is odometry._course.key
     assert T_key_cur is found.T_ref_cur
     assert what is seen
-    assert not odometry._doubt.is_way_loose(seen.frame.timestamp)
 
 
 @pytest.mark.parametrize(("share", "is_enough"), [(0.89, False), (0.9, True)])
@@ -133,11 +142,3 @@ def test_no_motion_may_be_left_open(leapt, monkeypatch):
     open_ways = np.eye(6)[:1]
     monkeypatch.setattr(leaping, "degenerate_directions", lambda covariance: open_ways)
     assert not odometry._leaping.excuse(seen, found, LEAPT)
-
-
-def test_before_what_repeats_a_leap_is_lost(leapt):
-    """A registration with all that is seen one step aside, as of a fence: elsewhere fits better."""
-    odometry, seen, found = leapt
-    aside = found.T_ref_cur.copy()
-    aside[0, 3] += 0.15
-    assert not odometry._leaping.excuse(seen, replace(found, T_ref_cur=aside), LEAPT)

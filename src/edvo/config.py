@@ -686,8 +686,8 @@ class StatusConfig(Section):
     just_lost: Literal["by-faint-edges", "as-any"] = Field(
         default="by-faint-edges",
         description="a frame that is lost, as one to three just before it were, of the last 0.2 s: "
-        "registered once more by faint edges (edges.faint_scale), too, and kept if of these eight "
-        "tenths agree; or lost as any other. Not in the paper",
+        "registered once more with all edges of its keyframe, faint ones (edges.faint_scale), too, "
+        "and kept if eight tenths of its own agree; or lost as any other. Not in the paper",
     )
     covariance: Literal["instants", "cells", "none"] = Field(
         default="instants",

@@ -147,16 +147,6 @@ class Doubt:
             self.cast_on_way(timestamp, FOUND_FAR)
         self._has_leapt = False
 
-    def mind_excused_leap(self, timestamp: float) -> None:
-        """Doubt the way to where it is now, as it leapt there: what was before may be off.
-
-        Parameters
-        ----------
-        timestamp : float
-            Seconds.
-        """
-        self.cast_on_way(timestamp, LEAPT_HERE)
-
     def is_way_loose(self, timestamp: float) -> bool:
         """Whether the way here is in doubt.
 

@@ -61,8 +61,8 @@ class FaintEdges:
         course, key = self._course, self._course.key
         if not self._is_on or not course.is_just_lost(seen.frame.timestamp):
             return None
-        if seen.is_stale or key.edges is key.telling:
-            return None  # the keyframe has no others to show
+        if seen.is_stale or seen.is_parted or key.edges is key.telling:
+            return None  # what is carried would count again, or there are no others
         if course.is_blind or course.anchor is not None or self._pieces.here:
             return None  # places are to be told apart
         detail = usual_detail(self._config)._replace(is_near=True, is_faint=key.is_faint)

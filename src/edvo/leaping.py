@@ -1,35 +1,32 @@
-"""Leaps that all of a frame bears out, as where a camera is knocked.
+"""Leaps that a frame bears out, as where a camera is knocked.
 
 Not in the paper. What is farther from where it was expected than a hand moves a camera is the next
 of things that are alike, more often than not. But a camera is knocked, too, or was astray a frame
-ago and is right by now. Then all of both images fits, and nothing beside it does.
+ago and is right by now. Then most of what both images show fits, and nothing beside it does.
 """
 
 from edvo.assessing import LEAPT
 from edvo.course import Course
-from edvo.doubt import Doubt
 from edvo.kit import Kit
 from edvo.registration import Alignment
 from edvo.seen import Seen
 from edvo.status import SURE
 from edvo.uncertainty import degenerate_directions
 
-BORNE_OUT = ", but all that both images have in view fits there, and nowhere beside"
+BORNE_OUT = ", but most of what both images have in view fits there, and nowhere beside"
 
 
 class Leaping:
-    """Excuses leaps that all of a frame bears out.
+    """Excuses leaps that a frame bears out.
 
     Parameters
     ----------
     kit : Kit
     course : Course
-    doubt : Doubt
-        Told of the way to where one leads.
     """
 
-    def __init__(self, kit: Kit, course: Course, doubt: Doubt) -> None:
-        self._course, self._doubt = course, doubt
+    def __init__(self, kit: Kit, course: Course) -> None:
+        self._course, self._depth_alone = course, kit.depth_alone
         self._search, self._judge, self._clock = kit.search, kit.judge, kit.clock
         self._uncertainty, self._fitter = kit.uncertainty, kit.fitter
         rule = kit.config
@@ -53,7 +50,9 @@ class Leaping:
             Empty where it is lost: for another reason, or it may be elsewhere.
         """
         course, timestamp = self._course, seen.frame.timestamp
-        if not self._is_on or reason != LEAPT or seen.is_stale:
+        if not self._is_on or reason != LEAPT:
+            return ""
+        if seen.is_stale or self._depth_alone.has_to_tell(seen.samples):
             return ""
         if course.is_blind or not course.follows(timestamp) or self._judge.is_off(found):
             return ""
@@ -61,10 +60,8 @@ class Leaping:
         with self._clock("search"):
             is_there = self._search.is_alone(key, found.T_ref_cur, seen)
             is_there = is_there and self._search.is_shared(key, found, seen, SURE)
-        if not is_there or self._leaves_open(seen, found):
-            return ""
-        self._doubt.mind_excused_leap(timestamp)
-        return reason + BORNE_OUT
+        is_there = is_there and not self._leaves_open(seen, found)
+        return reason + BORNE_OUT if is_there else ""
 
     def _leaves_open(self, seen: Seen, found: Alignment) -> bool:
         """Whether hardly anything constrains a motion: then it may be anywhere along that."""

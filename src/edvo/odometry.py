@@ -21,7 +21,7 @@ from edvo.course import (
 )
 from edvo.depth_alone import DepthAlone
 from edvo.detail import Detail, usual_detail, worthwhile_detail
-from edvo.doubt import ASTRAY, CHANGED, Doubt
+from edvo.doubt import ASTRAY, CHANGED, LEAPT_HERE, Doubt
 from edvo.earlier import Back, EarlierKeyframes
 from edvo.errors import ConfigError, FrameError
 from edvo.exposure import Exposure
@@ -183,7 +183,7 @@ class Odometry:
         self._leading = Leading(kit, course, self._locator)
         self._timing = Timing(kit, course)
         self._unshared = Unshared(kit, course, self._locator)
-        self._leaping = Leaping(kit, course, self._doubt)
+        self._leaping = Leaping(kit, course)
         self._faint = FaintEdges(kit, course, self._pieces, self._locator)
 
     @property
@@ -281,12 +281,16 @@ class Odometry:
             return self._resume(*found)
         if still is None:
             seen = self._locator.settled(seen, alignment)
+        has_leapt = reason.startswith(LEAPT)  # and is excused
         registered = alignment, status, reason, still
         alignment, status, reason, still = self._standing.confirm(seen, *registered)
         if status is Status.LOST:
             if is_back:
                 self._earlier.stay()
+            self._doubt.note_loss(leapt=has_leapt)
             return self._lose_sight(seen, reason, alignment)
+        if has_leapt:
+            self._doubt.cast_on_way(frame.timestamp, LEAPT_HERE)
         if led is not None:
             self._doubt.cast(frame.timestamp, CHANGED)
         if is_back:
