@@ -3,15 +3,12 @@
 from dataclasses import replace
 
 import pytest
-from benchmarks.room_drawing import draw
 
-from edvo import faint, se3
+from edvo import faint
 from edvo.config import Config
-from edvo.datasets import read_ahead
-from edvo.odometry import Odometry, Status
-from edvo.synthesis.sequence import SyntheticSource
+from edvo.odometry import Status
 
-from . import problems
+from . import problems, rooms
 
 COUNT = 8
 AT = 5  # the frame after one that is lost; its floor shows more than that of the keyframe
@@ -21,22 +18,13 @@ AS_ANY = "status.just_lost=as-any"
 @pytest.fixture(scope="module")
 def floor():
     """A camera that is knocked before a floor whose edges are faint in some of its images."""
-    source = SyntheticSource(draw(113).recipe(COUNT))
-    frames = [reading.frame for reading in read_ahead(source, range(COUNT))]
-    truth = [source.recipe.motion.at(frame.timestamp) for frame in frames]
-    return source.camera, frames, [se3.inverse(truth[0]) @ T for T in truth]
-
-
-def tracked(floor, *overrides, count=COUNT):
-    camera, frames, _ = floor
-    odometry = Odometry(camera, Config().with_overrides(overrides))
-    return odometry, [odometry.track(frame) for frame in frames[:count]]
+    return rooms.stretch(113, COUNT)
 
 
 @pytest.fixture
 def lost(floor):
     """A tracker that has lost a frame, and the next one as it would lose it."""
-    odometry, results = tracked(floor, count=AT)
+    odometry, results = rooms.tracked(floor, count=AT)
     assert results[-1].status is Status.LOST
     seen = odometry._front_end.see(floor[1][AT], AT, None, odometry._detail(floor[1][AT].timestamp))
     assert odometry._locator.locate(seen)[1] is Status.LOST
@@ -44,14 +32,14 @@ def lost(floor):
 
 
 def test_a_lost_frame_is_found_by_the_edges_that_its_keyframe_shows_faintly(floor):
-    _, results = tracked(floor)
+    _, results = rooms.tracked(floor)
     assert results[AT - 1].status is Status.LOST
     for each, T in list(zip(results, floor[2], strict=True))[AT:]:
         assert each.status is Status.DEGRADED
         assert problems.error(T, each.T_world_cam)[0] < 0.01
     assert results[AT].samples == len(results[AT].alignment.matches)
     assert results[AT].alignment.agreeing > 0.8 * len(results[AT].alignment.matches)
-    assert all(result.status is Status.LOST for result in tracked(floor, AS_ANY)[1][AT:])
+    assert all(result.status is Status.LOST for result in rooms.tracked(floor, AS_ANY)[1][AT:])
 
 
 def test_the_paper_takes_them_as_any_frame():
@@ -132,6 +120,9 @@ def test_eight_tenths_have_to_agree(lost, monkeypatch, share):
 def test_not_what_is_lost_all_the_same(lost, monkeypatch):
     odometry, seen = lost
     locate = odometry._faint._locator.locate
-    fails = lambda again: (locate(again)[0], Status.LOST, "elsewhere")  # noqa: E731
+
+    def fails(again):
+        return locate(again)[0], Status.LOST, "elsewhere"
+
     monkeypatch.setattr(odometry._faint._locator, "locate", fails)
     assert odometry._faint.look(seen, AT) is None

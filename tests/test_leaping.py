@@ -5,19 +5,16 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from benchmarks.room_drawing import draw
 
-from edvo import leaping, se3
+from edvo import leaping
 from edvo.assessing import LEAPT
 from edvo.clock import no_clock
 from edvo.config import Config
-from edvo.datasets import read_ahead
 from edvo.doubt import LEAPT_HERE
 from edvo.leaping import BORNE_OUT
-from edvo.odometry import Odometry, Status
-from edvo.synthesis.sequence import SyntheticSource
+from edvo.odometry import Status
 
-from . import problems
+from . import problems, rooms
 
 COUNT = 5
 AT = 2  # the frame before which the camera is knocked
@@ -27,22 +24,13 @@ LOST = "status.leaps=lost"
 @pytest.fixture(scope="module")
 def knocked():
     """A camera that is knocked, in a room drawn at random."""
-    source = SyntheticSource(draw(89).recipe(COUNT))
-    frames = [reading.frame for reading in read_ahead(source, range(COUNT))]
-    truth = [source.recipe.motion.at(frame.timestamp) for frame in frames]
-    return source.camera, frames, [se3.inverse(truth[0]) @ T for T in truth]
-
-
-def tracked(knocked, *overrides, count=COUNT):
-    camera, frames, _ = knocked
-    odometry = Odometry(camera, Config().with_overrides(overrides))
-    return odometry, [odometry.track(frame) for frame in frames[:count]]
+    return rooms.stretch(89, COUNT)
 
 
 @pytest.fixture
 def leapt(knocked):
     """A tracker, and the frame and its registration, which it calls lost for its leap."""
-    odometry, _ = tracked(knocked, count=AT)
+    odometry, _ = rooms.tracked(knocked, count=AT)
     frame = knocked[1][AT]
     detail, lead = odometry._detail(frame.timestamp), odometry._lead(frame)
     seen = odometry._front_end.see(frame, AT, lead, detail)
@@ -53,13 +41,13 @@ def leapt(knocked):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_frame_that_is_where_a_knock_has_put_it_is_not_lost(knocked, seed):
-    _, results = tracked(knocked, f"seed={seed}")
+    _, results = rooms.tracked(knocked, f"seed={seed}")
     assert results[AT].reason == LEAPT + BORNE_OUT
     assert results[AT].status is Status.DEGRADED
     for each, T in zip(results, knocked[2], strict=True):
         assert problems.error(T, each.T_world_cam)[0] < 0.002
     assert all(result.status is Status.DEGRADED for result in results[AT + 1 :])
-    lost = tracked(knocked, f"seed={seed}", LOST)[1][AT]
+    lost = rooms.tracked(knocked, f"seed={seed}", LOST)[1][AT]
     assert (lost.status, lost.reason) == (Status.LOST, LEAPT)
 
 
@@ -70,12 +58,10 @@ def test_without_a_search_they_are_lost(leapt):
         config=config,
         clock=no_clock,
         search=odometry._search,
-        judge=odometry._judge,
         uncertainty=odometry._uncertainty,
         fitter=odometry._fitter,
-        depth_alone=odometry._depth_alone,
     )
-    without = leaping.Leaping(kit, odometry._course)
+    without = leaping.Leaping(kit, odometry._course, odometry._locator)
     assert not without.excuse(seen, found, LEAPT)
 
 
@@ -85,7 +71,7 @@ def test_the_paper_knows_no_leaps():
 
 
 def test_doubt_of_the_way_lasts_for_a_second(knocked):
-    odometry, results = tracked(knocked, count=AT + 1)
+    odometry, results = rooms.tracked(knocked, count=AT + 1)
     now = results[AT].timestamp
     assert odometry._doubt.is_way_loose(now + 0.9)
     assert odometry._doubt.way_reason == LEAPT_HERE
@@ -93,7 +79,7 @@ def test_doubt_of_the_way_lasts_for_a_second(knocked):
 
 
 def test_what_depth_contradicts_then_is_lost_by_a_leap(knocked, monkeypatch):
-    odometry, _ = tracked(knocked, count=AT)
+    odometry, _ = rooms.tracked(knocked, count=AT)
     lost = Status.LOST, "something moves"
     monkeypatch.setattr(odometry._doubt, "question", lambda *given: lost)
     assert odometry.track(knocked[1][AT]).status is Status.LOST

@@ -4,20 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from benchmarks.room_drawing import draw
 
 from edvo import odometry as tracker
-from edvo import se3
 from edvo.assessing import LEAPT
 from edvo.config import Config
-from edvo.datasets import read_ahead
-from edvo.odometry import Odometry, Status
+from edvo.odometry import Status
 from edvo.registration import FAILURES
 from edvo.status import Judge
-from edvo.synthesis.sequence import SyntheticSource
 from edvo.unshared import EXCUSED
 
-from . import problems
+from . import problems, rooms
 
 FIRST, LAST = 68, 78  # of a room: people and floor come in beside a plain wall
 AT = 4  # the frame of these that shows most of it for the first time
@@ -27,22 +23,13 @@ COUNTED = "status.unshared=counted"
 @pytest.fixture(scope="module")
 def turn():
     """A camera that turns away from a plain wall, in a room drawn at random."""
-    source = SyntheticSource(draw(56).recipe(LAST))
-    frames = [reading.frame for reading in read_ahead(source, range(FIRST, LAST))]
-    truth = [source.recipe.motion.at(frame.timestamp) for frame in frames]
-    return source.camera, frames, [se3.inverse(truth[0]) @ T for T in truth]
-
-
-def tracked(turn, *overrides, count=LAST - FIRST):
-    camera, frames, _ = turn
-    odometry = Odometry(camera, Config().with_overrides(overrides))
-    return odometry, [odometry.track(frame) for frame in frames[:count]]
+    return rooms.stretch(56, LAST, FIRST)
 
 
 @pytest.fixture
 def lost(turn):
     """A tracker, and the frame and its registration, which it calls lost for how few edges fit."""
-    odometry, _ = tracked(turn, count=AT)
+    odometry, _ = rooms.tracked(turn, count=AT)
     seen = odometry._front_end.see(turn[1][AT], AT, None, odometry._detail(turn[1][AT].timestamp))
     found, status, reason = odometry._locator.register(seen)
     assert status is Status.LOST
@@ -52,7 +39,7 @@ def lost(turn):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_frame_that_shows_much_that_is_new_is_not_lost(turn, seed):
-    _, results = tracked(turn, f"seed={seed}")
+    _, results = rooms.tracked(turn, f"seed={seed}")
     assert all(result.status is not Status.LOST for result in results)
     result = results[AT]
     assert result.status is Status.DEGRADED
@@ -61,7 +48,7 @@ def test_a_frame_that_shows_much_that_is_new_is_not_lost(turn, seed):
     assert result.is_keyframe
     for each, T in zip(results, turn[2], strict=True):
         assert problems.error(T, each.T_world_cam)[0] < 0.02
-    assert all(result.status is Status.LOST for result in tracked(turn, COUNTED)[1][AT:])
+    assert all(result.status is Status.LOST for result in rooms.tracked(turn, COUNTED)[1][AT:])
 
 
 def test_the_paper_counts_them():
@@ -134,7 +121,7 @@ def test_both_have_to_explain_what_they_share(lost):
 
 @pytest.mark.parametrize("moves", [True, False])
 def test_not_while_something_moves(turn, monkeypatch, moves):
-    odometry, _ = tracked(turn, count=AT)
+    odometry, _ = rooms.tracked(turn, count=AT)
     if moves:
         odometry._doubt.moving_time = turn[1][AT - 1].timestamp
     asked = []
@@ -151,7 +138,7 @@ def test_a_keyframe_that_is_hardly_constrained_after_a_doubtful_frame(
     turn, monkeypatch, was_sure, is_open
 ):
     """It hands on what it is off by: what follows is no better than the way to it."""
-    odometry, _ = tracked(turn, "keyframes.rule=gap", "keyframes.gap_frames=2", count=2)
+    odometry, _ = rooms.tracked(turn, "keyframes.rule=gap", "keyframes.gap_frames=2", count=2)
     odometry._doubt.is_sure = was_sure
     motions = np.eye(6)[:1] if is_open else np.empty((0, 6))
     monkeypatch.setattr(tracker, "degenerate_directions", lambda covariance: motions)

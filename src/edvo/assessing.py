@@ -11,6 +11,7 @@ from edvo.doubt import Doubt
 from edvo.kit import Kit
 from edvo.registration import Alignment
 from edvo.scatter import clarity, is_sharper
+from edvo.seen import Seen
 from edvo.status import Status, speed_of
 
 LEAP_M_S2 = 30.0  # what pushes a camera harder is a wrong match, more often than not;
@@ -33,6 +34,7 @@ class Assessor:
 
     def __init__(self, kit: Kit, course: Course, doubt: Doubt) -> None:
         self._judge, self._course, self._doubt = kit.judge, course, doubt
+        self._depth_alone = kit.depth_alone
         self._asks_scatter = kit.config.status.edge_jump > 0
         self._allowed: Alignment | None = None
 
@@ -76,6 +78,27 @@ class Assessor:
             poor = self._judge.poor_start(alignment)
             return (Status.DEGRADED, poor) if poor else said
         return said
+
+    def may_be_excused(self, seen: Seen, alignment: Alignment) -> bool:
+        """Whether a frame that is lost is near, and neither its depth nor its edges are poor.
+
+        Parameters
+        ----------
+        seen : Seen
+            The frame.
+        alignment : Alignment
+            With the keyframe.
+
+        Returns
+        -------
+        bool
+            False where it does not follow closely, its depth repeats or is off by more than of
+            late, or depth has to tell alone, now or in the last frame.
+        """
+        course = self._course
+        if course.is_blind or not course.follows(seen.frame.timestamp) or seen.is_stale:
+            return False
+        return not (self._depth_alone.has_to_tell(seen.samples) or self._judge.is_off(alignment))
 
     def leaps(self, alignment: Alignment, timestamp: float) -> bool:
         """Whether a registration is farther from where it was expected than a hand moves a camera.

@@ -66,7 +66,7 @@ class FaintEdges:
         if course.is_blind or course.anchor is not None or self._pieces.here:
             return None  # places are to be told apart
         detail = usual_detail(self._config)._replace(is_near=True, is_faint=key.is_faint)
-        again = self._front_end.see(seen.frame, index, seen.T_cam_depth, detail, again=True)
+        again = self._front_end.see(seen.frame, index, detail=detail, again=True)
         alignment, status, reason = self._locator.locate(again)
         is_there = alignment.agreeing >= SURE * len(again.samples) and status is not Status.LOST
         return SecondLook(again, alignment, status, reason) if is_there else None

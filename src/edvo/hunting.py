@@ -14,7 +14,7 @@ from edvo.edges import EdgePixels
 from edvo.instants import Instants
 from edvo.keyframes import Keyframe
 from edvo.matching import EdgeIndex
-from edvo.places import Hunt, Place, distinct, is_apart
+from edvo.places import LEAST_FIT, Hunt, Place, distinct, is_apart
 from edvo.planes import PlaneFitter, PlanePoints
 from edvo.registration import AGREEING, FAILURES, Alignment, Registration
 from edvo.seen import Seen
@@ -178,7 +178,7 @@ class Hunter:
         return [place for place in places if place.worth > RIVAL * places[0].worth]
 
     def is_shared(
-        self, key: Keyframe, found: Alignment, seen: Seen, least_fit: float | None = None
+        self, key: Keyframe, found: Alignment, seen: Seen, least_fit: float = LEAST_FIT
     ) -> bool:
         """Whether a registration explains most of what both have in view, and leads back.
 
@@ -190,16 +190,14 @@ class Hunter:
         seen : Seen
             The frame.
         least_fit : float, optional
-            How much has to be, one way times the other; as for a lost camera where not given.
+            How much has to be, one way times the other, from 0 to 1; as for a lost camera.
 
         Returns
         -------
         bool
         """
-        hunt = self.hunt(seen, (), 0.0)
-        back, fit = self._both_ways(hunt, key, found, turned=True)
-        enough = hunt.least_fit if least_fit is None else least_fit
-        return fit >= enough and _is_loop(found, back)
+        back, fit = self._both_ways(self.hunt(seen, (), 0.0), key, found, turned=True)
+        return fit >= least_fit and _is_loop(found, back)
 
     def _place(self, hunt: Hunt, key: Keyframe, T_world_start: NDArray[np.float64]) -> Place | None:
         """Register all samples both ways with a keyframe, if that stands all tests."""

@@ -8,6 +8,7 @@ ago and is right by now. Then most of what both images show fits, and nothing be
 from edvo.assessing import LEAPT
 from edvo.course import Course
 from edvo.kit import Kit
+from edvo.locating import Locator
 from edvo.registration import Alignment
 from edvo.seen import Seen
 from edvo.status import SURE
@@ -23,11 +24,13 @@ class Leaping:
     ----------
     kit : Kit
     course : Course
+    locator : Locator
+        Says whether a frame is to be asked.
     """
 
-    def __init__(self, kit: Kit, course: Course) -> None:
-        self._course, self._depth_alone = course, kit.depth_alone
-        self._search, self._judge, self._clock = kit.search, kit.judge, kit.clock
+    def __init__(self, kit: Kit, course: Course, locator: Locator) -> None:
+        self._course, self._assessor = course, locator.assessor
+        self._search, self._clock = kit.search, kit.clock
         self._uncertainty, self._fitter = kit.uncertainty, kit.fitter
         rule = kit.config
         self._is_on = rule.status.leaps == "asked" and rule.motion.search_deg > 0
@@ -49,14 +52,9 @@ class Leaping:
         str
             Empty where it is lost: for another reason, or it may be elsewhere.
         """
-        course, timestamp = self._course, seen.frame.timestamp
-        if not self._is_on or reason != LEAPT:
+        if not self._is_on or reason != LEAPT or not self._assessor.may_be_excused(seen, found):
             return ""
-        if seen.is_stale or self._depth_alone.has_to_tell(seen.samples):
-            return ""
-        if course.is_blind or not course.follows(timestamp) or self._judge.is_off(found):
-            return ""
-        key = course.key
+        key = self._course.key
         with self._clock("search"):
             is_there = self._search.is_alone(key, found.T_ref_cur, seen)
             is_there = is_there and self._search.is_shared(key, found, seen, SURE)
@@ -66,9 +64,8 @@ class Leaping:
     def _leaves_open(self, seen: Seen, found: Alignment) -> bool:
         """Whether hardly anything constrains a motion: then it may be anywhere along that."""
         key, term = self._course.key, self._fitter.term
-        edges = key.edges_for(near=seen.is_near)
         with self._clock("uncertainty"):
             covariance = self._uncertainty.covariance(
-                edges, seen.samples, key.planes, seen.points, term, found
+                key.edges, seen.samples, key.planes, seen.points, term, found
             )
         return len(degenerate_directions(covariance)) > 0

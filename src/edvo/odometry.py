@@ -183,7 +183,7 @@ class Odometry:
         self._leading = Leading(kit, course, self._locator)
         self._timing = Timing(kit, course)
         self._unshared = Unshared(kit, course, self._locator)
-        self._leaping = Leaping(kit, course)
+        self._leaping = Leaping(kit, course, self._locator)
         self._faint = FaintEdges(kit, course, self._pieces, self._locator)
 
     @property

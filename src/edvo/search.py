@@ -17,7 +17,7 @@ from edvo.hunting import ASIDE_M, SIDES, STRIDE, Hunter
 from edvo.instants import Instants
 from edvo.keyframes import Keyframe, KeyframeStore
 from edvo.look import Look
-from edvo.places import Found, is_apart
+from edvo.places import LEAST_FIT, Found, is_apart
 from edvo.planes import PlaneFitter, PlanePoints, thinned
 from edvo.registration import Alignment, Registration
 from edvo.seen import Seen
@@ -171,7 +171,7 @@ class Search:
         )
 
     def is_shared(
-        self, key: Keyframe, found: Alignment, seen: Seen, least_fit: float | None = None
+        self, key: Keyframe, found: Alignment, seen: Seen, least_fit: float = LEAST_FIT
     ) -> bool:
         """Whether of what both have in view most is where a registration says, both ways.
 
@@ -183,7 +183,7 @@ class Search:
         seen : Seen
             The frame.
         least_fit : float, optional
-            How much of it, one way times the other; six tenths where not given.
+            How much of it, one way times the other, from 0 to 1; as for a lost camera.
 
         Returns
         -------

@@ -28,8 +28,7 @@ class Unshared:
 
     def __init__(self, kit: Kit, course: Course, locator: Locator) -> None:
         self._course, self._assessor = course, locator.assessor
-        self._search, self._judge, self._clock = kit.search, kit.judge, kit.clock
-        self._depth_alone = kit.depth_alone
+        self._search, self._clock = kit.search, kit.clock
         self._is_on = kit.config.status.unshared == "excused"
 
     def excuse(self, seen: Seen, found: Alignment) -> str:
@@ -48,16 +47,11 @@ class Unshared:
             Empty where it is lost: something else is amiss, or what both have in view fits no
             better.
         """
-        course, timestamp = self._course, seen.frame.timestamp
-        if not self._is_on or course.is_blind or not course.follows(timestamp):
+        if not self._is_on or not self._assessor.may_be_excused(seen, found):
             return ""
-        if seen.is_stale or self._depth_alone.has_to_tell(seen.samples):
-            return ""
-        if self._judge.is_off(found):
-            return ""
-        status, reason = self._assessor.assess(found, timestamp, is_shared=True)
+        status, reason = self._assessor.assess(found, seen.frame.timestamp, is_shared=True)
         if status is Status.LOST:
             return ""
         with self._clock("search"):
-            is_shared = self._search.is_shared(course.key, found, seen)
+            is_shared = self._search.is_shared(self._course.key, found, seen)
         return reason + EXCUSED if is_shared else ""
