@@ -100,7 +100,7 @@ def test_one_that_stands_farther_off_than_a_hand_moves_is_not_gone_back_to(walk,
     odometry, frame = with_the_first_aside(walk)
     monkeypatch.setattr("edvo.assessing.LEAP_M_S2", 5.0)  # by 6 mm from frame to frame
     monkeypatch.setattr("edvo.assessing.SCATTER_M", 0.0)
-    monkeypatch.setattr(odometry._leading, "lead", lambda seen: None)
+    monkeypatch.setattr(odometry._placer._leading, "lead", lambda seen: None)
     assert odometry.track(frame).status is Status.LOST
     assert odometry._course.key.index == BEFORE - 1
 

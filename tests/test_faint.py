@@ -49,7 +49,7 @@ def test_the_paper_takes_them_as_any_frame():
 
 def test_it_shows_faint_edges_and_is_judged_by_them(lost):
     odometry, seen = lost
-    found = odometry._faint.look(seen, AT)
+    found = odometry._placer._faint.look(seen, AT)
     assert found is not None
     assert found.seen.is_near
     assert found.seen.edges.is_faint
@@ -60,7 +60,7 @@ def test_it_shows_faint_edges_and_is_judged_by_them(lost):
 
 def test_only_of_a_frame_just_lost(lost):
     odometry, seen = lost
-    look, course = odometry._faint.look, odometry._course
+    look, course = odometry._placer._faint.look, odometry._course
     assert look(seen, AT)
     for losses in (0, 4):
         course.losses = losses
@@ -81,13 +81,13 @@ def test_how_smeared_a_frame_is_counts_once(lost, monkeypatch):
     odometry, seen = lost
     noted = []
     monkeypatch.setattr(odometry._front_end._smear, "note", lambda *given: noted.append(given))
-    assert odometry._faint.look(seen, AT)
+    assert odometry._placer._faint.look(seen, AT)
     assert not noted
 
 
 def test_not_where_it_would_tell_nothing_new(lost):
     odometry, seen = lost
-    look, course = odometry._faint.look, odometry._course
+    look, course = odometry._placer._faint.look, odometry._course
     assert look(replace(seen, is_stale=True), AT) is None
     assert look(replace(seen, is_parted=True), AT) is None
     course.is_blind = True
@@ -106,23 +106,23 @@ def test_not_where_it_would_tell_nothing_new(lost):
 @pytest.mark.parametrize("share", [0.79, 0.81])
 def test_eight_tenths_have_to_agree(lost, monkeypatch, share):
     odometry, seen = lost
-    locate = odometry._faint._locator.locate
+    locate = odometry._placer._faint._locator.locate
 
     def fewer(again):
         alignment, status, reason = locate(again)
         agreeing = int(share * len(again.samples)) + 1
         return replace(alignment, agreeing=agreeing), status, reason
 
-    monkeypatch.setattr(odometry._faint._locator, "locate", fewer)
-    assert (odometry._faint.look(seen, AT) is not None) == (share > faint.SURE)
+    monkeypatch.setattr(odometry._placer._faint._locator, "locate", fewer)
+    assert (odometry._placer._faint.look(seen, AT) is not None) == (share > faint.SURE)
 
 
 def test_not_what_is_lost_all_the_same(lost, monkeypatch):
     odometry, seen = lost
-    locate = odometry._faint._locator.locate
+    locate = odometry._placer._faint._locator.locate
 
     def fails(again):
         return locate(again)[0], Status.LOST, "elsewhere"
 
-    monkeypatch.setattr(odometry._faint._locator, "locate", fails)
-    assert odometry._faint.look(seen, AT) is None
+    monkeypatch.setattr(odometry._placer._faint._locator, "locate", fails)
+    assert odometry._placer._faint.look(seen, AT) is None

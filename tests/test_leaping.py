@@ -89,7 +89,7 @@ def test_what_depth_contradicts_then_is_lost_by_a_leap(knocked, monkeypatch):
 
 def test_it_is_excused_for_a_leap_alone(leapt):
     odometry, seen, found = leapt
-    excuse, course = odometry._leaping.excuse, odometry._course
+    excuse, course = odometry._placer._leaping.excuse, odometry._course
     assert excuse(seen, found, LEAPT)
     assert not excuse(seen, found, "only 43% of the samples fit")
     assert not excuse(replace(seen, is_stale=True), found, LEAPT)
@@ -109,7 +109,7 @@ def test_nothing_beside_it_may_fit_as_well(leapt, monkeypatch):
     odometry, seen, found = leapt
     asked = []
     monkeypatch.setattr(odometry._search, "is_alone", lambda *given: asked.append(given) or False)
-    assert not odometry._leaping.excuse(seen, found, LEAPT)
+    assert not odometry._placer._leaping.excuse(seen, found, LEAPT)
     ((key, T_key_cur, what),) = asked
     assert key is odometry._course.key
     assert T_key_cur is found.T_ref_cur
@@ -120,11 +120,11 @@ def test_nothing_beside_it_may_fit_as_well(leapt, monkeypatch):
 def test_eight_tenths_have_to_be_explained(leapt, monkeypatch, share, is_enough):
     odometry, seen, found = leapt
     monkeypatch.setattr(odometry._search._hunter, "_explained", lambda *given: share)
-    assert bool(odometry._leaping.excuse(seen, found, LEAPT)) == is_enough
+    assert bool(odometry._placer._leaping.excuse(seen, found, LEAPT)) == is_enough
 
 
 def test_no_motion_may_be_left_open(leapt, monkeypatch):
     odometry, seen, found = leapt
     open_ways = np.eye(6)[:1]
     monkeypatch.setattr(leaping, "degenerate_directions", lambda covariance: open_ways)
-    assert not odometry._leaping.excuse(seen, found, LEAPT)
+    assert not odometry._placer._leaping.excuse(seen, found, LEAPT)

@@ -78,13 +78,13 @@ class Stream:
     def __init__(self, *overrides, frames, camera):
         self.odometry = Odometry(camera, Config().with_overrides(overrides))
         self.given = None
-        widened = self.odometry._timing.widened
+        widened = self.odometry._progress._timing.widened
 
         def recorded(*given):
             self.key, self.given = self.odometry._course.key, given
             return widened(*given)
 
-        self.odometry._timing.widened = recorded
+        self.odometry._progress._timing.widened = recorded
         self.results = [self.odometry.track(frame) for frame in frames]
 
 
@@ -100,7 +100,7 @@ def test_it_knows_what_instants_are_believed(rolled):
     _, seen, alignment, by_depth, period = stream.given
     assert period == pytest.approx(PERIOD, abs=2e-3)
     odometry = stream.odometry
-    timing, instants = odometry._timing, odometry._instants
+    timing, instants = odometry._progress._timing, odometry._instants
     assert 0.005 < instants.rolling.seconds < 0.033
     by_rows = timing._by_rows(seen, alignment)
     solver, samples = odometry._registration.solver, seen.samples
@@ -187,7 +187,7 @@ def test_where_no_velocity_leads_a_covariance_stays_as_it_is(rolled):
     stream.odometry.track(later)
     covariance, period = stream.given[0], stream.given[-1]
     assert period is None
-    np.testing.assert_array_equal(stream.odometry._timing.widened(*stream.given), covariance)
+    np.testing.assert_array_equal(stream.odometry._progress._timing.widened(*stream.given), covariance)
 
 
 def test_what_is_not_known_of_a_keyframe_is_as_it_is_now(rolled, monkeypatch):
@@ -198,7 +198,7 @@ def test_what_is_not_known_of_a_keyframe_is_as_it_is_now(rolled, monkeypatch):
     parts = []
     for before in (None, carried, np.zeros(6)):
         monkeypatch.setattr(stream.odometry._instants, "velocity_of", lambda _, v=before: v)
-        parts.append(stream.odometry._timing.widened(*stream.given) - stream.given[0])
+        parts.append(stream.odometry._progress._timing.widened(*stream.given) - stream.given[0])
     np.testing.assert_allclose(parts[0], parts[1], rtol=1e-12)
     assert np.trace(parts[2]) > 1.1 * np.trace(parts[0])
 
@@ -207,15 +207,15 @@ def test_late_depth_and_exposures_add_to_it(rolled):
     camera, frames, _ = rolled
     stream = Stream(frames=frames, camera=camera)
     odometry, seen = stream.odometry, stream.given[1]
-    usual = odometry._timing.widened(*stream.given)
+    usual = odometry._progress._timing.widened(*stream.given)
     late = replace(seen, frame=replace(seen.frame, depth_delay=0.03))
     given = stream.given[0], late, *stream.given[2:]
-    assert np.trace(odometry._timing.widened(*given)) > 1.05 * np.trace(usual)
+    assert np.trace(odometry._progress._timing.widened(*given)) > 1.05 * np.trace(usual)
     exposure = odometry._instants.exposure
     assert exposure.squared == pytest.approx(max(exposure.estimate.likely, 0.0))
     exposure.estimate.note(1e12, 1e12 * 0.03**2, PERIOD)
     assert exposure.squared == pytest.approx(0.03**2, rel=1e-3)
-    assert np.trace(odometry._timing.widened(*stream.given)) > 1.05 * np.trace(usual)
+    assert np.trace(odometry._progress._timing.widened(*stream.given)) > 1.05 * np.trace(usual)
     exposure.estimate.note(1e15, 1e15 * 0.5**2, PERIOD)
     assert exposure.squared <= 0.05**2  # no camera exposes for so long
     known = Odometry(
@@ -239,13 +239,13 @@ def test_motions_are_named_by_all_that_is_said_and_followed_by_what_stands(rolle
     odometry = Odometry(camera)
     for frame in frames[:8]:
         odometry.track(frame)
-    attended, widened = [], odometry._timing.widened
+    attended, widened = [], odometry._progress._timing.widened
     attend = odometry._upkeep.attend
     monkeypatch.setattr(
         odometry._upkeep, "attend", lambda *a, **k: (attended.append(a), attend(*a, **k))[1]
     )
     wide = np.diag([1.0, 0, 0, 0, 0, 0])
-    monkeypatch.setattr(odometry._timing, "widened", lambda C, *more: widened(C, *more) + wide)
+    monkeypatch.setattr(odometry._progress._timing, "widened", lambda C, *more: widened(C, *more) + wide)
     result = odometry.track(frames[8])
     assert result.status is Status.DEGRADED
     assert result.degenerate
@@ -270,7 +270,7 @@ def test_few_edges_are_all_asked(rolled):
         stream.odometry._registration.solver.tuning,
         alignment.sigma_px,
     )
-    by_rows = stream.odometry._timing._by_rows(seen, alignment)
+    by_rows = stream.odometry._progress._timing._by_rows(seen, alignment)
     np.testing.assert_allclose(by_rows, every, rtol=1e-5, atol=1e-3)
 
 

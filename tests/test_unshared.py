@@ -74,7 +74,7 @@ def test_what_is_shared_excuses_how_few_fit_and_nothing_else(lost):
 
 def test_it_is_excused_where_nothing_else_is_amiss(lost, monkeypatch):
     odometry, seen, found = lost
-    unshared, course = odometry._unshared, odometry._course
+    unshared, course = odometry._placer._unshared, odometry._course
     assert unshared.excuse(seen, found).endswith(EXCUSED)
     monkeypatch.setattr(odometry._search, "is_shared", lambda *given: True)
     assert unshared.excuse(seen, found)
@@ -125,7 +125,7 @@ def test_not_while_something_moves(turn, monkeypatch, moves):
     if moves:
         odometry._doubt.moving_time = turn[1][AT - 1].timestamp
     asked = []
-    monkeypatch.setattr(odometry._unshared, "excuse", lambda *given: asked.append(given) or "")
+    monkeypatch.setattr(odometry._placer._unshared, "excuse", lambda *given: asked.append(given) or "")
     monkeypatch.setattr(
         odometry._standing, "register", lambda seen: (*odometry._locator.register(seen), None)
     )

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edvo.assessing import LEAPT
-from edvo.background import Still
 from edvo.blind import Blind
 from edvo.camera import Camera
 from edvo.clock import Clock, StageClock, no_clock
@@ -21,24 +20,22 @@ from edvo.course import (
 )
 from edvo.depth_alone import DepthAlone
 from edvo.detail import Detail, usual_detail, worthwhile_detail
-from edvo.doubt import ASTRAY, CHANGED, LEAPT_HERE, Doubt
-from edvo.earlier import Back, EarlierKeyframes
+from edvo.doubt import ASTRAY, Doubt
+from edvo.earlier import EarlierKeyframes
 from edvo.errors import ConfigError, FrameError
 from edvo.exposure import Exposure
-from edvo.faint import FaintEdges
 from edvo.frame import Frame, finite_seconds
 from edvo.freeze import FREEZE_S, Freeze
 from edvo.front_end import FrontEnd
-from edvo.inertia import Inertia
 from edvo.instants import Instants
 from edvo.kit import Kit
-from edvo.leading import LEADS, Leading
-from edvo.leaping import Leaping
 from edvo.locating import Locator
 from edvo.parting import Parting
 from edvo.pieces import Pieces
 from edvo.places import Found
-from edvo.planes import DepthTerm, PlaneFitter, PlaneMap, PlanePoints
+from edvo.placing import Placed, Placer
+from edvo.planes import PlaneFitter
+from edvo.progress import Progress
 from edvo.recovery import Recovery
 from edvo.registration import Alignment, Registration
 from edvo.search import Search
@@ -47,11 +44,9 @@ from edvo.sharing import SharedErrors
 from edvo.stale import StaleDepth
 from edvo.standing import Standing
 from edvo.status import Judge, Status
-from edvo.timing import Timing
 from edvo.tracked import Record, TrackedFrame
 from edvo.trajectory import Trajectory
-from edvo.uncertainty import Uncertainty, degenerate_directions, describe
-from edvo.unshared import Unshared
+from edvo.uncertainty import Uncertainty, describe
 from edvo.upkeep import Upkeep
 
 __all__ = ["Odometry", "StageClock", "Status", "TrackedFrame"]
@@ -163,28 +158,22 @@ class Odometry:
             self._search,
         )
         self._freeze, self._stale = Freeze(), StaleDepth()
-        self._inertia = Inertia(self.config)
         self._fresh = 0  # index of the last new image
         self._is_fine = False  # whether its depth was looked at closely
-        self._pieces = Pieces()
-        self._record = Record(course, self._pieces)
-        self._doubt = Doubt(kit, course)
-        self._locator = Locator(kit, course, self._doubt)
-        self._parting = Parting(kit, course, self._locator, self._doubt)
-        self._standing = Standing(kit, course, self._doubt, self._locator)
-        self._upkeep = Upkeep(kit, course, self._pieces)
-        self._recovery = Recovery(
-            kit, course, self._pieces, self._doubt, self._standing, self._upkeep
+        self._pieces = pieces = Pieces()
+        self._record = Record(course, pieces)
+        self._doubt = doubt = Doubt(kit, course)
+        self._locator = locator = Locator(kit, course, doubt)
+        self._parting = parting = Parting(kit, course, locator, doubt)
+        self._standing = standing = Standing(kit, course, doubt, locator)
+        self._upkeep = upkeep = Upkeep(kit, course, pieces)
+        self._recovery = Recovery(kit, course, pieces, doubt, standing, upkeep)
+        self._earlier = earlier = EarlierKeyframes(kit, course, pieces, locator, upkeep.store)
+        self._placer = Placer(
+            kit, course, pieces, doubt, locator, standing, parting, earlier, upkeep
         )
-        self._earlier = EarlierKeyframes(
-            kit, course, self._pieces, self._locator, self._upkeep.store
-        )
-        self._blind = Blind(kit, course, self._doubt)
-        self._leading = Leading(kit, course, self._locator)
-        self._timing = Timing(kit, course)
-        self._unshared = Unshared(kit, course, self._locator)
-        self._leaping = Leaping(kit, course, self._locator)
-        self._faint = FaintEdges(kit, course, self._pieces, self._locator)
+        self._progress = Progress(kit, course, doubt, locator, standing, upkeep)
+        self._blind = Blind(kit, course, doubt)
 
     @property
     def trajectory(self) -> Trajectory:
@@ -235,79 +224,24 @@ class Odometry:
         self._rewind(frame.timestamp)
         if self._freeze.repeats(frame):
             return self._hold(frame.timestamp)
-        self._fresh = self._record.count
-        is_stale = False
-        if self.config.motion.repeated_depth == "recognised":
-            frame, is_stale = self._stale.dated(frame, self._course.T_world_last)
-        detail = self._detail(frame.timestamp)
-        seen = self._front_end.see(frame, self._record.count, self._lead(frame), detail)
-        self._is_fine = seen.is_fine
-        if is_stale:
-            seen = self._stale_seen(seen)
-        least = self.config.registration.min_matches
-        if len(seen.samples) < least:
-            few = f"{len(seen.samples)} edges with depth; {least} needed"
-            return self._give_up(seen, few, None)
+        seen = self._see(frame)
+        if few := self._too_few(seen):
+            return self._give_up(seen, few)
         if self._course.keyframe is None:
             return self._begin(seen)
-        adrift = self._recovery.is_adrift(frame.timestamp)
-        if adrift or self._recovery.is_long_lost(frame.timestamp):
-            found = self._recovery.find(seen)
-            if found is None:
-                return self._give_up(seen, UNSURE if adrift else NOWHERE, None)
-            return self._resume(*found)
-        seen = self._parting.apart(seen) or seen
-        alignment, status, reason, still = self._standing.register(seen)
-        back = self._come_back(seen, alignment, status) if still is None else None
-        is_back = back is not None
-        if back is not None:
-            alignment, status, reason = back.alignment, Status.TRACKED, ""
-        if status is Status.LOST and not self._standing.is_moving(frame.timestamp):
-            other = self._earlier.go_back(seen)
-            if other is not None:
-                alignment, status, reason, is_back = other, Status.TRACKED, "", True
-            elif excuse := self._excuse(seen, alignment, reason):
-                status, reason = Status.DEGRADED, excuse
-            elif (again := self._faint.look(seen, self._record.count)) is not None:
-                seen, alignment, status, reason = again
-        led = self._led(seen) if status is Status.LOST else None
-        if led is not None:
-            alignment, status, reason, still = led, Status.DEGRADED, LEADS, None
-        if status is Status.LOST:
-            # it may be where it was before
-            found = self._recovery.find(seen) if self._pieces.here else None
-            if found is None:
-                return self._give_up(seen, reason, alignment)
-            return self._resume(*found)
-        if still is None:
-            seen = self._locator.settled(seen, alignment)
-        has_leapt = reason.startswith(LEAPT)  # and is excused
-        registered = alignment, status, reason, still
-        alignment, status, reason, still = self._standing.confirm(seen, *registered)
-        if status is Status.LOST:
-            if is_back:
-                self._earlier.stay()
-            self._doubt.note_loss(leapt=has_leapt)
-            return self._lose_sight(seen, reason, alignment)
-        if has_leapt:
-            self._doubt.cast_on_way(frame.timestamp, LEAPT_HERE)
-        if led is not None:
-            self._doubt.cast(frame.timestamp, CHANGED)
-        if is_back:
-            self._forget_way()
-        if back is not None and alignment is back.alignment:
-            self._earlier.settle()
-            self._upkeep.forget_good()
-            self._doubt.mind_mending(frame.timestamp, back.off)
-        if status is Status.DEGRADED and still is None:
-            self._doubt.mind_change(alignment, frame.timestamp)
-        may_join = self._pieces.here and self._locator.mender.put_right(alignment) is None
-        joined = self._recovery.join(seen, alignment) if may_join else None
-        if joined is not None:
-            self._forget_way()
-            self._earlier.forget()
-            return self._accept(seen, joined, Status.DEGRADED, ASTRAY)
-        return self._accept(seen, alignment, status, reason, still)
+        if self._recovery.is_adrift(frame.timestamp):
+            return self._find(seen, UNSURE)
+        if self._recovery.is_long_lost(frame.timestamp):
+            return self._find(seen, NOWHERE)
+        placed = self._placer.place(seen, self._record.count)
+        if placed.is_lost and self._pieces.here:  # it may be where it was before
+            return self._find(placed.seen, placed.reason, placed.alignment)
+        if placed.is_lost:
+            return self._give_up(placed.seen, placed.reason, placed.alignment)
+        placed = self._placer.confirm(placed)
+        if placed.is_lost:
+            return self._lose_sight(placed.seen, placed.reason, placed.alignment)
+        return self._accept(self._joined(placed))
 
     def skip(self, timestamp: float, reason: str) -> TrackedFrame:
         """Take note of a frame that could not be had, for instance since its file is broken.
@@ -334,15 +268,22 @@ class Odometry:
         self._rewind(timestamp)
         return self._lose(timestamp, reason)
 
-    def _excuse(self, seen: Seen, alignment: Alignment, reason: str) -> str:
-        """Say why a frame that is lost is only degraded; empty where it is lost."""
-        excuse = self._unshared.excuse(seen, alignment)
-        return excuse or self._leaping.excuse(seen, alignment, reason)
+    def _see(self, frame: Frame) -> Seen:
+        """Find the edges of a new image, and points of its depth."""
+        self._fresh = self._record.count
+        is_stale = False
+        if self.config.motion.repeated_depth == "recognised":
+            frame, is_stale = self._stale.dated(frame, self._course.T_world_last)
+        detail = self._detail(frame.timestamp)
+        seen = self._front_end.see(frame, self._record.count, self._lead(frame), detail)
+        self._is_fine = seen.is_fine
+        return self._stale_seen(seen) if is_stale else seen
 
-    def _led(self, seen: Seen) -> Alignment | None:
-        """Go on by depth alone where a frame is lost by its edges, unless something moves."""
-        is_moving = self._standing.is_moving(seen.frame.timestamp)
-        return None if is_moving else self._leading.lead(seen)
+    def _too_few(self, seen: Seen) -> str:
+        """Say that a frame has not enough edges to be registered by; empty where it has."""
+        least = self.config.registration.min_matches
+        few = len(seen.samples) < least
+        return f"{len(seen.samples)} edges with depth; {least} needed" if few else ""
 
     def _stale_seen(self, seen: Seen) -> Seen:
         """Let depth that repeats count once; but not where it alone tells, or something moves."""
@@ -354,7 +295,29 @@ class Odometry:
             self._doubt.cast(timestamp, f"depth stayed the same image for {age:.1f} s")
         return replace(seen, is_stale=True)
 
-    def _give_up(self, seen: Seen, reason: str, alignment: Alignment | None) -> TrackedFrame:
+    def _find(self, seen: Seen, reason: str, alignment: Alignment | None = None) -> TrackedFrame:
+        """Go on from where a lost camera is found, among places seen before."""
+        found = self._recovery.find(seen)
+        if found is None:
+            return self._give_up(seen, reason, alignment)
+        place, status, reason = found
+        self._progress.forget_way()
+        self._earlier.forget()
+        return self._accept(Placed(place.seen, place.alignment, status, reason), place)
+
+    def _joined(self, placed: Placed) -> Placed:
+        """Place a frame by what was seen before it began anew, if that is in view."""
+        seen, alignment = placed.seen, placed.alignment
+        if not self._pieces.here or self._locator.mender.put_right(alignment) is not None:
+            return placed
+        joined = self._recovery.join(seen, alignment)
+        if joined is None:
+            return placed
+        self._progress.forget_way()
+        self._earlier.forget()
+        return Placed(seen, joined, Status.DEGRADED, ASTRAY)
+
+    def _give_up(self, seen: Seen, reason: str, alignment: Alignment | None = None) -> TrackedFrame:
         """Go on by depth where there are hardly any edges, or begin anew; else it is lost."""
         bare = self._depth_alone.has_to_tell(seen.samples)
         if bare and not self._blind.may_tell(seen.frame):
@@ -386,7 +349,7 @@ class Odometry:
         wanted = self._recovery.is_expected_nowhere(timestamp)
         if wanted and self._recovery.begin_anew(seen, index):
             logger.info("frame %d: begun anew", index)
-            self._forget_way()
+            self._progress.forget_way()
             return self._record.keep(
                 timestamp, Status.DEGRADED, ANEW, np.eye(4), -1, is_keyframe=True, seen=seen
             )
@@ -400,7 +363,7 @@ class Odometry:
             self._recovery.rewind(timestamp)
             self._standing.forget()
             self._instants.interrupt()
-            self._forget_way()
+            self._progress.forget_way()
 
     def _hold(self, timestamp: float) -> TrackedFrame:
         """Stay at the last pose while an image repeats, but not for long: the camera may move."""
@@ -439,112 +402,56 @@ class Odometry:
             timestamp, Status.TRACKED, "", np.eye(4), -1, is_keyframe=True, seen=seen
         )
 
-    def _resume(self, found: Found, status: Status, reason: str) -> TrackedFrame:
-        """Go on from where a lost camera is found."""
-        self._forget_way()
-        self._earlier.forget()
-        return self._accept(found.seen, found.alignment, status, reason, found=found)
-
-    def _accept(
-        self,
-        seen: Seen,
-        alignment: Alignment,
-        status: Status,
-        reason: str,
-        still: Still | None = None,
-        *,
-        found: Found | None = None,
-    ) -> TrackedFrame:
-        """Move on to the pose found, and to a new keyframe where one is due.
-
-        A camera that was lost has not moved to where it is found: how fast it goes is told apart.
-        """
-        course, doubt, timestamp = self._course, self._doubt, seen.frame.timestamp
-        registered = seen if still is None else still.seen
-        key, T_key_cur = course.key, alignment.T_ref_cur
-        compared = key.planes, registered.points, self._fitter.term
+    def _accept(self, placed: Placed, found: Found | None = None) -> TrackedFrame:
+        """Move on to where a frame was placed, learn from it, and see to the keyframe."""
+        course, doubt, timestamp = self._course, self._doubt, placed.seen.frame.timestamp
+        key, seen, alignment = course.key, placed.seen, placed.alignment
+        is_whole = placed.still is None
         # of a camera that is found again nobody has asked whether it carries anything
         has_time = found is not None or not self._parting.is_trying
-        T_last_cur, seconds = course.moved(T_key_cur, timestamp)
-        period = seconds if course.is_blind else course.period(timestamp)
-        follows = course.follows(timestamp) and found is None
-        covariance, by_depth = self._covariance(registered, alignment, compared)
-        self._move(timestamp, alignment, covariance, T_last_cur, seconds, period, follows=follows)
-        velocity = course.velocity if follows else None
-        if found is not None:
-            velocity = found.velocity
-            course.velocity = np.zeros(6) if velocity is None else velocity
-        told = covariance
-        if covariance is not None:
-            with self._clock("uncertainty"):
-                since = period if follows else None
-                told = self._timing.widened(covariance, registered, alignment, by_depth, since)
-        course.is_blind = False
+        step = self._progress.step(placed, found)
         doubt.mind_leap(timestamp, is_proven=found is not None)
-        if follows and still is None and status is Status.DEGRADED:
+        if step.follows and is_whole and placed.status is Status.DEGRADED:
             doubt.mind_torn(alignment, timestamp)
         self._recovery.note()
+        status, reason = placed.status, placed.reason
         if status is Status.TRACKED and doubt.lasts(timestamp):
             status, reason = Status.DEGRADED, doubt.reason
         was_sure, doubt.is_sure = doubt.is_sure, status is Status.TRACKED
-        if doubt.is_sure:
-            doubt.note_sure(timestamp, course.T_key_last)
-            self._judge.note(alignment, is_stale=seen.is_stale)
-            self._front_end.note(registered, alignment)
-            asked = () if seen.is_stale else compared
-            self._shared.note(key.edges.edges, alignment, period, *asked)
-            if self._locator.mender.put_right(alignment) is not None:
-                self._instants.interrupt()
-            else:
-                with self._clock("registration"):
-                    self._instants.note(key, registered, alignment, period, has_time=has_time)
-            course.note_tracked(period)
-        else:
-            self._shared.interrupt()
-            self._instants.interrupt()
-        loose = np.empty((0, 6))
-        if told is not None:
-            with self._clock("uncertainty"):
-                loose = degenerate_directions(told)
-        degenerate = tuple(describe(way) for way in loose)
-        if course.anchor is not None and not degenerate:  # else it may still be off along those
-            if course.unseen(timestamp) > LONG_LOST_S:
-                doubt.cast(timestamp, ASTRAY)
-            course.anchor = None
+        self._progress.learn(placed, step, has_time=has_time)
+        degenerate = tuple(describe(way) for way in step.loose)
+        if not degenerate:  # else it may still be off along those
+            self._weigh_anchor(timestamp)
         course.last_time = timestamp
         self._standing.remember(seen)
-        self._learn_carried(seen, still)
+        self._progress.learn_carried(placed)
         if status is Status.TRACKED:
-            if degenerate:
-                status, reason = Status.DEGRADED, f"not constrained: {', '.join(degenerate)}"
-            elif doubt.lasts(timestamp):
-                status, reason = Status.DEGRADED, doubt.reason
-            elif doubt.is_way_loose(timestamp):
-                status, reason = Status.DEGRADED, doubt.way_reason
-            elif self._pieces.here:
-                status, reason = Status.DEGRADED, ANEW
-        share = alignment.inliers / len(registered.samples)
-        if not seen.is_stale and (status is Status.TRACKED or (doubt.is_sure and reason == ANEW)):
+            reason = self._reservation(timestamp, degenerate)
+            status = Status.DEGRADED if reason else Status.TRACKED
+        share = alignment.inliers / len(step.registered.samples)
+        is_good = status is Status.TRACKED or (doubt.is_sure and reason == ANEW)
+        if is_good and not seen.is_stale:
             self._upkeep.note_good(seen.frame, self._record.count, share)
-        tells_more = still is None and self._tells_more(seen, alignment, loose)
+        tells_more = is_whole and self._tells_more(seen, alignment, step.loose)
         T_key_cur, is_keyframe = self._upkeep.attend(
             seen,
             self._record.count,
             share,
-            covariance,
-            period,
-            velocity,
-            is_whole=still is None,
+            step.covariance,
+            step.period,
+            step.velocity,
+            is_whole=is_whole,
             is_tracked=status is Status.TRACKED,
             tells_more=tells_more,
             has_time=has_time,
         )
-        if is_keyframe and follows:
-            doubt.mind_start(alignment, timestamp)
-        if is_keyframe and (self._inertia.is_adrift or (degenerate and not was_sure)):
-            doubt.cast_on_way(timestamp)
-        if is_keyframe and (tells_more or self._inertia.is_adrift):
-            self._earlier.leave(timestamp)
+        if is_keyframe:
+            if step.follows:
+                doubt.mind_start(alignment, timestamp)
+            if self._progress.is_adrift or (degenerate and not was_sure):
+                doubt.cast_on_way(timestamp)
+            if self._progress.is_adrift or tells_more:
+                self._earlier.leave(timestamp)
         return self._record.keep(
             timestamp,
             status,
@@ -552,11 +459,28 @@ class Odometry:
             T_key_cur,
             key.index,
             is_keyframe=is_keyframe,
-            seen=registered,
+            seen=step.registered,
             alignment=alignment,
-            covariance=told,
+            covariance=step.told,
             degenerate=degenerate,
         )
+
+    def _weigh_anchor(self, timestamp: float) -> None:
+        """Know where it is by itself again, where depth alone had let it drift."""
+        course = self._course
+        if course.anchor is not None and course.unseen(timestamp) > LONG_LOST_S:
+            self._doubt.cast(timestamp, ASTRAY)
+        course.anchor = None
+
+    def _reservation(self, timestamp: float, degenerate: tuple[str, ...]) -> str:
+        """Say why a pose that fits as it should is not to be trusted; empty where it is."""
+        if degenerate:
+            return f"not constrained: {', '.join(degenerate)}"
+        if self._doubt.lasts(timestamp):
+            return self._doubt.reason
+        if self._doubt.is_way_loose(timestamp):
+            return self._doubt.way_reason
+        return ANEW if self._pieces.here else ""
 
     def _tells_more(self, seen: Seen, alignment: Alignment, motions: NDArray[np.float64]) -> bool:
         """Whether its edges, out of the keyframe's view, tell what its registration does not."""
@@ -567,84 +491,6 @@ class Odometry:
         if evidence.amiss(edges, seen.samples, alignment) is not None:
             return False  # edges in its view, but nowhere, say that the pose is off
         return evidence.would_tell(seen.samples, alignment, motions, rule.tells_times)
-
-    def _come_back(self, seen: Seen, found: Alignment, status: Status) -> Back | None:
-        """Go on from the keyframe that was left along what nothing told, if that is to be had."""
-        if self._standing.is_moving(seen.frame.timestamp):
-            return None
-        back = self._earlier.come_back(seen, found, status)
-        if back is not None:  # what was seen since then was seen from elsewhere, believed or not
-            self._doubt.forget_since(back.since)
-            self._standing.forget(back.since)
-        return back
-
-    def _covariance(
-        self,
-        seen: Seen,
-        alignment: Alignment,
-        compared: tuple[PlaneMap, PlanePoints, DepthTerm],
-    ) -> tuple[NDArray[np.float64] | None, NDArray[np.float64]]:
-        """How far a registration may be off, where that is asked for, and what depth tells."""
-        if self.config.status.covariance == "none" and self._course.anchor is None:
-            return None, np.zeros((6, 6))
-        with self._clock("uncertainty"):
-            return self._uncertainty.spread(
-                self._course.key.edges, seen.samples, *compared, alignment
-            )
-
-    def _move(
-        self,
-        timestamp: float,
-        alignment: Alignment,
-        covariance: NDArray[np.float64] | None,
-        T_last_cur: NDArray[np.float64],
-        seconds: float,
-        period: float,
-        *,
-        follows: bool,
-    ) -> None:
-        """Move on to the pose found, or where hardly anything constrains it, as it was going."""
-        course, inertia, held = self._course, self._inertia, None
-        put_right = self._locator.mender.put_right(alignment)
-        if put_right is not None:
-            self._doubt.mind_mending(timestamp, put_right.off)
-            self._standing.forget(timestamp - period)
-            self._upkeep.forget_good()
-            self._forget_way()
-            course.leap(alignment.T_ref_cur)
-            course.velocity = put_right.velocity
-            return
-        if covariance is not None:
-            with self._clock("uncertainty"):
-                held = inertia.settle(
-                    course.key.index,
-                    course.T_key_last,
-                    alignment.T_ref_cur,
-                    covariance,
-                    period,
-                    follows=follows and not course.is_blind,
-                )
-        if held is not None:
-            course.drift(held, inertia.velocity)
-            return
-        closes = follows and course.stood is not None  # a gap, by a step that is no speed
-        course.step(alignment.T_ref_cur, T_last_cur, seconds)
-        if closes:
-            course.velocity = inertia.velocity.copy()
-
-    def _learn_carried(self, seen: Seen, still: Still | None) -> None:
-        """Learn what of the image is the camera's own from a frame that is to be trusted."""
-        carried = self._front_end.carried
-        if carried is None or still is not None or self._instants.is_trying:
-            return
-        if self._doubt.is_sure or seen.is_parted:
-            carried.note(seen, self._course.T_world_last)
-
-    def _forget_way(self) -> None:
-        """Take note that where the camera is says nothing of how it came there."""
-        self._inertia.forget()
-        if self._front_end.carried is not None:
-            self._front_end.carried.forget_view()
 
     def _lose_sight(self, seen: Seen, reason: str, alignment: Alignment | None) -> TrackedFrame:
         """Lose a frame whose edges are known."""
