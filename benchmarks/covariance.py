@@ -133,7 +133,7 @@ def pair(family: int, number: int) -> Outcome | None:
     config = Config(seed=number).with_overrides(["planes.alone_share=0"])  # of edges, or none
     odometry = Odometry(source.camera, config)
     recorder = _Recorder(source.camera, config, odometry._registration.solver)
-    odometry._uncertainty = recorder
+    odometry._progress._uncertainty = recorder
     course = odometry._course
     if odometry.track(frames[0]).status is Status.LOST:
         return None

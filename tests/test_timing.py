@@ -57,7 +57,7 @@ def test_where_nothing_constrains_a_pose_instants_add_nothing():
 
 def test_the_changes_of_the_velocity_are_averaged_over_a_while():
     rng = np.random.default_rng(1)
-    timing = Odometry(problems.CAMERA)._timing
+    timing = Odometry(problems.CAMERA)._progress._timing
     velocities = rng.normal(size=(90, 6))
     for k, velocity in enumerate(velocities):
         timing._note(velocity, k * PERIOD, PERIOD)
@@ -187,7 +187,9 @@ def test_where_no_velocity_leads_a_covariance_stays_as_it_is(rolled):
     stream.odometry.track(later)
     covariance, period = stream.given[0], stream.given[-1]
     assert period is None
-    np.testing.assert_array_equal(stream.odometry._progress._timing.widened(*stream.given), covariance)
+    np.testing.assert_array_equal(
+        stream.odometry._progress._timing.widened(*stream.given), covariance
+    )
 
 
 def test_what_is_not_known_of_a_keyframe_is_as_it_is_now(rolled, monkeypatch):
@@ -245,7 +247,9 @@ def test_motions_are_named_by_all_that_is_said_and_followed_by_what_stands(rolle
         odometry._upkeep, "attend", lambda *a, **k: (attended.append(a), attend(*a, **k))[1]
     )
     wide = np.diag([1.0, 0, 0, 0, 0, 0])
-    monkeypatch.setattr(odometry._progress._timing, "widened", lambda C, *more: widened(C, *more) + wide)
+    monkeypatch.setattr(
+        odometry._progress._timing, "widened", lambda C, *more: widened(C, *more) + wide
+    )
     result = odometry.track(frames[8])
     assert result.status is Status.DEGRADED
     assert result.degenerate

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from edvo import odometry as tracker
+from edvo import progress
 from edvo.assessing import LEAPT
 from edvo.config import Config
 from edvo.odometry import Status
@@ -125,7 +125,9 @@ def test_not_while_something_moves(turn, monkeypatch, moves):
     if moves:
         odometry._doubt.moving_time = turn[1][AT - 1].timestamp
     asked = []
-    monkeypatch.setattr(odometry._placer._unshared, "excuse", lambda *given: asked.append(given) or "")
+    monkeypatch.setattr(
+        odometry._placer._unshared, "excuse", lambda *given: asked.append(given) or ""
+    )
     monkeypatch.setattr(
         odometry._standing, "register", lambda seen: (*odometry._locator.register(seen), None)
     )
@@ -141,7 +143,7 @@ def test_a_keyframe_that_is_hardly_constrained_after_a_doubtful_frame(
     odometry, _ = rooms.tracked(turn, "keyframes.rule=gap", "keyframes.gap_frames=2", count=2)
     odometry._doubt.is_sure = was_sure
     motions = np.eye(6)[:1] if is_open else np.empty((0, 6))
-    monkeypatch.setattr(tracker, "degenerate_directions", lambda covariance: motions)
+    monkeypatch.setattr(progress, "degenerate_directions", lambda covariance: motions)
     frame = turn[1][2]
     assert odometry.track(frame).is_keyframe
     assert odometry._doubt.is_way_loose(frame.timestamp) == (is_open and not was_sure)

@@ -549,6 +549,12 @@ class MotionConfig(Section):
         "up to so much to either side, and half as much up and down, 3 degrees apart, are judged "
         "at a glance, and the likeliest registered; 0 for none. Not in the paper",
     )
+    aside_px: Annotated[float, Field(ge=0, le=20)] = Field(
+        default=4.0,
+        description="where a registration is in doubt, or the first of all, and less than eight "
+        "tenths of the edges agree: it is tried from so many pixels to each side, and kept if "
+        "edges are clearly more in their places; 0 does not. Needs search_deg. Not in the paper",
+    )
     along_px: Annotated[float, Field(ge=0, le=200)] = Field(
         default=40.0,
         description="where less than half of the edges that could tell a motion are in their "
@@ -892,6 +898,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         },
         "motion": {
             "search_deg": 0.0,
+            "aside_px": 0.0,
             "along_px": 0.0,
             "prior_stride": 4,
             "depth_delay": "none",

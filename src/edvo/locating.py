@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edvo import se3
+from edvo.aside import Aside
 from edvo.assessing import Assessor
 from edvo.course import Course
 from edvo.doubt import STEPPED, Doubt
@@ -75,6 +76,7 @@ class Locator:
         self._aligned: Aligned | None = None
         self._course, self._doubt = course, doubt
         self.registrar = registrar = Registrar(kit, course)
+        self._aside = Aside(kit, registrar)
         self.assessor = Assessor(kit, course, doubt)
         self.mender = Mender(kit, course, doubt, registrar, self.assessor)
 
@@ -110,18 +112,19 @@ class Locator:
                 led = self._by_outvoted_depth(seen, starts[0], term, alignment)
             if led is not None:
                 alignment = led
-        status, reason = self.assessor.assess(alignment, timestamp)
+        first, (status, reason) = alignment, self.assessor.assess(alignment, timestamp)
         is_wide = not far and self._judge.scatter.is_wide(alignment)
         if is_wide:
             self._judge.scatter.widen()
         if is_wide or (status is Status.LOST and not far and self._asks_depth(seen)):
             with self._clock("search"):
                 alignment = self._kept(led, self._sharpest(seen, starts, term, alignment))
+                alignment = self._once_more(seen, term, first, alignment)
                 status, reason = self.assessor.assess(alignment, timestamp)
         if not self._config.motion.search_deg:
             return alignment, status, reason
         unsure = status is not Status.TRACKED or self._judge.scatter.fits_less(alignment)
-        unsure = unsure or self._leaves_out(seen, alignment)
+        unsure = unsure or self._judge.agrees_less(alignment) or self._leaves_out(seen, alignment)
         new = not self._judge.scatter.is_known
         if not far and not unsure and not new and self.mender.amiss(seen, alignment) is None:
             return alignment, status, reason
@@ -133,6 +136,12 @@ class Locator:
             if status is not Status.TRACKED or new:
                 other = self._search.around(key, course.T_key_last, seen, alignment)
                 alignment = self._kept(led, self.assessor.better(alignment, other, timestamp))
+                status, reason = self.assessor.assess(alignment, timestamp)
+            if not far and (new or unsure):
+                beside = self._aside.look(seen, starts[0], term, alignment)
+                alignment = self._kept(led, self.assessor.better(alignment, beside, timestamp))
+            if not far:
+                alignment = self._once_more(seen, term, first, alignment)
                 status, reason = self.assessor.assess(alignment, timestamp)
             if not far and status is not Status.LOST:
                 alignment = self.mender.mend(seen, alignment)
@@ -268,6 +277,15 @@ class Locator:
         few = replace(seen, samples=seen.samples.every(STRIDE), points=points)
         wide = self.registrar.widely(few, starts, term)
         return wide.reason in FAILURES or is_sharper(wide, found, STRIDE)
+
+    def _once_more(
+        self, seen: Seen, term: DepthTerm, first: Alignment, found: Alignment
+    ) -> Alignment:
+        """Register by all that counts from where few samples, or another scale, have led."""
+        if found is first:
+            return found
+        again = self.registrar.register(seen, found.T_ref_cur[None], term)
+        return again if is_sharper(again, found) else found
 
     def _sharpest(
         self, seen: Seen, starts: NDArray[np.float64], term: DepthTerm, found: Alignment

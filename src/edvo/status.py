@@ -10,7 +10,7 @@ from edvo import se3
 from edvo.config import Config
 from edvo.planes import PlaneMap, PlanePoints
 from edvo.registration import FAILURES, Alignment
-from edvo.scatter import MILD_SIGMA, Scatter, fitting_depth
+from edvo.scatter import FEWER, MILD_SIGMA, Scatter, fitting_depth
 from edvo.torn import Torn
 
 MILD_PX = 0.5  # of scatter, up to which edges raise no doubt
@@ -224,6 +224,19 @@ class Judge:
         bool
         """
         return alignment.agreeing > BETTER * self._agreeing * len(alignment.matches)
+
+    def agrees_less(self, alignment: Alignment) -> bool:
+        """Whether far fewer samples agree than did of the last frame that was to be trusted.
+
+        Parameters
+        ----------
+        alignment : Alignment
+
+        Returns
+        -------
+        bool
+        """
+        return alignment.agreeing < (self._agreeing - FEWER) * len(alignment.matches)
 
     def fits_poorly(self, alignment: Alignment) -> bool:
         """Whether so few samples fit that a pose is in doubt.
