@@ -1,4 +1,4 @@
-"""A few pixels beside where a registration has led: dense texture fits almost anywhere.
+"""A few pixels beside where a frame is expected: dense texture fits almost anywhere.
 
 Not in the paper. Where strokes and gaps are a few pixels wide, as in print, edges that begin two
 pixels off find others that look alike, and most of them fit those well enough. From the other side
@@ -29,12 +29,19 @@ class Aside:
     ----------
     kit : Kit
     registrar : Registrar
+
+    Attributes
+    ----------
+    is_on : bool
+        Whether it does.
     """
 
     def __init__(self, kit: Kit, registrar: Registrar) -> None:
         self._registrar = registrar
         self._point_step_px = kit.config.planes.point_step_px
-        self._far = kit.config.motion.aside_px / kit.camera.fx  # for each metre of depth
+        px, camera = kit.config.motion.aside_px, kit.camera
+        self.is_on = px > 0
+        self._ways = px * SIDES / [camera.fx, camera.fy, 1.0]  # for each metre of depth
 
     def look(
         self, seen: Seen, start: NDArray[np.float64], term: DepthTerm, found: Alignment
@@ -55,9 +62,11 @@ class Aside:
         Returns
         -------
         Alignment
-            ``found``, where eight tenths of the edges agree to that, or no side is clearly sharper.
+            ``found``, where eight tenths of the edges agree to that, no side is clearly sharper, or
+            there is no depth to be held against.
         """
-        if not self._far or found.agreeing >= SURE * len(found.matches):
+        is_asked = self.is_on and len(seen.points.sigma) > 0
+        if not is_asked or found.agreeing >= SURE * len(found.matches):
             return found
         usual = thinned(seen.points, self._point_step_px)
         few = replace(seen, samples=seen.samples.every(STRIDE), points=usual)
@@ -77,5 +86,5 @@ class Aside:
     def _starts(self, start: NDArray[np.float64], depth: float) -> NDArray[np.float64]:
         """Move a pose to each side, by so much that what is so far away moves in the image."""
         starts = np.tile(start, (len(SIDES), 1, 1))
-        starts[:, :3, 3] += depth * self._far * SIDES @ start[:3, :3].T
+        starts[:, :3, 3] += depth * self._ways @ start[:3, :3].T
         return starts

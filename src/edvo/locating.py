@@ -119,12 +119,13 @@ class Locator:
         if is_wide or (status is Status.LOST and not far and self._asks_depth(seen)):
             with self._clock("search"):
                 alignment = self._kept(led, self._sharpest(seen, starts, term, alignment))
-                alignment = self._once_more(seen, term, first, alignment)
+                first = alignment = self._kept(led, self._once_more(seen, term, first, alignment))
                 status, reason = self.assessor.assess(alignment, timestamp)
         if not self._config.motion.search_deg:
             return alignment, status, reason
         unsure = status is not Status.TRACKED or self._judge.scatter.fits_less(alignment)
-        unsure = unsure or self._judge.agrees_less(alignment) or self._leaves_out(seen, alignment)
+        unsure = unsure or self._leaves_out(seen, alignment)
+        unsure = unsure or (self._aside.is_on and self._judge.agrees_less(alignment))
         new = not self._judge.scatter.is_known
         if not far and not unsure and not new and self.mender.amiss(seen, alignment) is None:
             return alignment, status, reason
@@ -137,11 +138,11 @@ class Locator:
                 other = self._search.around(key, course.T_key_last, seen, alignment)
                 alignment = self._kept(led, self.assessor.better(alignment, other, timestamp))
                 status, reason = self.assessor.assess(alignment, timestamp)
-            if not far and (new or unsure):
+            if not far and unsure:
                 beside = self._aside.look(seen, starts[0], term, alignment)
                 alignment = self._kept(led, self.assessor.better(alignment, beside, timestamp))
             if not far:
-                alignment = self._once_more(seen, term, first, alignment)
+                alignment = self._kept(led, self._once_more(seen, term, first, alignment))
                 status, reason = self.assessor.assess(alignment, timestamp)
             if not far and status is not Status.LOST:
                 alignment = self.mender.mend(seen, alignment)
@@ -282,10 +283,11 @@ class Locator:
         self, seen: Seen, term: DepthTerm, first: Alignment, found: Alignment
     ) -> Alignment:
         """Register by all that counts from where few samples, or another scale, have led."""
-        if found is first:
+        if found is first or not len(seen.points.sigma):
             return found
         again = self.registrar.register(seen, found.T_ref_cur[None], term)
-        return again if is_sharper(again, found) else found
+        is_better = self.assessor.better(found, again, seen.frame.timestamp) is again
+        return again if is_better and is_sharper(again, found) else found
 
     def _sharpest(
         self, seen: Seen, starts: NDArray[np.float64], term: DepthTerm, found: Alignment

@@ -241,6 +241,8 @@ class Odometry:
         placed = self._placer.confirm(placed)
         if placed.is_lost:
             return self._lose_sight(placed.seen, placed.reason, placed.alignment)
+        if placed.is_back:
+            self._progress.forget_way()
         return self._accept(self._joined(placed))
 
     def skip(self, timestamp: float, reason: str) -> TrackedFrame:
@@ -421,7 +423,7 @@ class Odometry:
         self._progress.learn(placed, step, has_time=has_time)
         degenerate = tuple(describe(way) for way in step.loose)
         if not degenerate:  # else it may still be off along those
-            self._weigh_anchor(timestamp)
+            self._regain_place(timestamp)
         course.last_time = timestamp
         self._standing.remember(seen)
         self._progress.learn_carried(placed)
@@ -429,7 +431,7 @@ class Odometry:
             reason = self._reservation(timestamp, degenerate)
             status = Status.DEGRADED if reason else Status.TRACKED
         share = alignment.inliers / len(step.registered.samples)
-        is_good = status is Status.TRACKED or (doubt.is_sure and reason == ANEW)
+        is_good = status is Status.TRACKED or reason == ANEW
         if is_good and not seen.is_stale:
             self._upkeep.note_good(seen.frame, self._record.count, share)
         tells_more = is_whole and self._tells_more(seen, alignment, step.loose)
@@ -465,8 +467,8 @@ class Odometry:
             degenerate=degenerate,
         )
 
-    def _weigh_anchor(self, timestamp: float) -> None:
-        """Know where it is by itself again, where depth alone had let it drift."""
+    def _regain_place(self, timestamp: float) -> None:
+        """Know by itself again where it is, if depth alone had let it drift."""
         course = self._course
         if course.anchor is not None and course.unseen(timestamp) > LONG_LOST_S:
             self._doubt.cast(timestamp, ASTRAY)

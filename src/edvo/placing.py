@@ -1,8 +1,8 @@
-"""Where a frame was taken: by the keyframe, or by what else may tell where that loses it.
+"""Where a frame was taken: by the keyframe, or by what else may tell.
 
-Not in the paper, which has the keyframe alone. A lost frame may fit an earlier one, be excused for
-what it is lost for, show more edges when looked at again, or be led by its depth. In this order:
-what registers it anew with edges that fit as they should is to be trusted most.
+Not in the paper, which has the keyframe alone. Where a keyframe was left along what nothing told,
+and the camera is back, that says so. A frame that is lost may fit an earlier one, be excused for
+what it is lost for, show more edges when looked at again, or be led by its depth: in this order.
 """
 
 from enum import Enum, auto
@@ -53,7 +53,7 @@ class Placed(NamedTuple):
         What stands still, if that is all that was registered.
     way : Way
     off : float
-        How far from there it seemed to be, m, where the camera came back to a keyframe.
+        How far from where it is it seemed to be, m, before it came back to a keyframe.
     """
 
     seen: Seen

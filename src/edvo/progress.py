@@ -33,7 +33,8 @@ class Step(NamedTuple):
     period : float
         Seconds since the last pose that is not a guess.
     velocity : ndarray of float64, shape (6,), or None
-        Of the camera, in its own frame, 1/s; None where the last pose is too old, or a guess.
+        Of the camera, in its own frame, 1/s: since the last pose, or as a lost one was found with;
+        None where that is not known.
     covariance : ndarray of float64, shape (6, 6), or None
         Of ``T_key_cur``, as the registration tells it; None where nobody asks.
     told : ndarray of float64, shape (6, 6), or None
@@ -136,10 +137,12 @@ class Progress:
     def learn(self, placed: Placed, step: Step, *, has_time: bool) -> None:
         """Learn how well things fit, what errors have in common, and when parts are taken.
 
+        From a frame in doubt nothing is learned, and nothing that takes several frames goes on.
+
         Parameters
         ----------
         placed : Placed
-            A frame, whose pose is beyond doubt if the last one was said to be.
+            The frame; whether it is in doubt is noted in `Doubt.is_sure` by now.
         step : Step
             To it.
         has_time : bool

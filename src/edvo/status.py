@@ -235,6 +235,7 @@ class Judge:
         Returns
         -------
         bool
+            While there was none, whether fewer than eight tenths do.
         """
         return alignment.agreeing < (self._agreeing - FEWER) * len(alignment.matches)
 
