@@ -275,3 +275,15 @@ def compiled_by_warm_up(monkeypatch, name):
     warm_up(Config())
     assert may_be_written_to == {True, False}
     return kernel
+
+
+def ways_forgotten(odometry, monkeypatch):
+    """Frames, listed as they come, by which it is noted that where it is tells no motion."""
+    forget, when = odometry._progress.forget_way, []
+
+    def noted():
+        when.append(odometry._record.count)
+        forget()
+
+    monkeypatch.setattr(odometry._progress, "forget_way", noted)
+    return when

@@ -529,6 +529,7 @@ def test_what_is_come_back_to_is_left_again_if_it_is_not_believed(
 
     monkeypatch.setattr(odometry._earlier, "come_back", look)
     monkeypatch.setattr(odometry._doubt, "question", ask)
+    forgotten = problems.ways_forgotten(odometry, monkeypatch)
     results, refused = [], 0
     for frame in boards.frames:
         results.append(odometry.track(frame))
@@ -539,6 +540,8 @@ def test_what_is_come_back_to_is_left_again_if_it_is_not_believed(
             np.testing.assert_array_equal(odometry._course.T_world_last, before[0].T_world_last)
             assert len(odometry._upkeep.store) in (kept, kept + 1)  # with the last good image
     assert (refused, len(found)) == (1, 2)
+    pairs = zip(results[1:], results, strict=False)
+    assert forgotten == [this.index for this, last in pairs if this.keyframe < last.keyframe]
     assert boards.off(results)[-1] < 0.001
 
 

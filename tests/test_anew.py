@@ -178,10 +178,11 @@ def test_a_piece_that_is_lost_is_no_hindrance_to_being_found(office, elsewhere):
     assert back[-1].status is Status.TRACKED
 
 
-def test_a_piece_is_joined_when_it_sees_what_was_seen_before():
+def test_a_piece_is_joined_when_it_sees_what_was_seen_before(monkeypatch):
     """Turned aside while it sees nothing, and back while it does."""
     frames, truth = rendered("office", 110, speed=1.0)
     odometry = Odometry(CAMERA)
+    forgotten = problems.ways_forgotten(odometry, monkeypatch)
     for frame in later(frames[:SEEN], 0.0):
         odometry.track(frame)
     t = SEEN * PERIOD + LOST_S
@@ -195,6 +196,7 @@ def test_a_piece_is_joined_when_it_sees_what_was_seen_before():
     begun = next(k for k, result in enumerate(results) if result.piece)
     joined = next(k for k in range(begun, len(way)) if not results[k].piece)
     assert off[joined - 1] > 0.1  # by the guess that it began with
+    assert {results[begun].index, results[joined].index} <= set(forgotten)
     assert results[joined].status is Status.DEGRADED
     assert Status.LOST not in {result.status for result in results[begun:]}
     assert np.median(off[joined:]) < 0.003

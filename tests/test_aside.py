@@ -8,12 +8,12 @@ import pytest
 from edvo import scatter, se3
 from edvo.aside import SIDES, Aside
 from edvo.config import Config
+from edvo.hunting import STRIDE
 from edvo.odometry import Odometry, Status
+from edvo.planes import NO_POINTS
 from edvo.status import SURE
 
 from . import problems, rooms
-
-STRIDE = 4
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +77,7 @@ def test_each_side_is_so_many_pixels_away(second):
 
 
 @pytest.mark.parametrize("is_sure", [False, True])
-def test_it_is_asked_where_edges_do_not_agree(second, monkeypatch, is_sure):
+def test_it_is_asked_where_edges_do_not_agree(second, is_sure):
     odometry, seen, start, term, found = second
     assert found.agreeing < SURE * len(found.matches)
     aside = odometry._locator._aside
@@ -132,18 +132,114 @@ def test_where_far_fewer_edges_agree_at_once_it_is_in_doubt(settled, monkeypatch
     assert (2.0 in wide) == is_asked
 
 
-@pytest.mark.parametrize("is_sharper", [False, True])
-def test_what_something_else_has_led_to_is_registered_once_more(settled, monkeypatch, is_sharper):
-    """By all samples, and the usual scale; kept if edges are more in their places."""
+BESIDE = se3.exp(np.array([0.004, 0.0, 0.0, 0.0, 0.0, 0.0]))
+
+
+def registered(settled):
+    """The next frame of a tracker, how depth counts, where it belongs, and a worse place."""
     odometry, frame = settled
     seen = odometry._front_end.see(frame, 8)
     locator = odometry._locator
-    term = locator.registrar.term(frame.timestamp)
     first = locator.align(seen)
+    worse = replace(first, T_ref_cur=first.T_ref_cur @ BESIDE, residuals=first.residuals + 1.0)
+    return seen, locator.registrar.term(frame.timestamp), first, worse
+
+
+@pytest.mark.parametrize("is_sharper", [False, True])
+def test_what_something_else_has_led_to_is_registered_once_more(settled, monkeypatch, is_sharper):
+    """From there, by all samples, and the usual scale; kept if edges are more in their places."""
+    locator, (seen, term, first, worse) = settled[0]._locator, registered(settled)
+    register, starts = locator.registrar.register, []
+
+    def noted(part, begun, *given, **more):
+        starts.append(begun)
+        return register(part, begun, *given, **more)
+
+    monkeypatch.setattr(locator.registrar, "register", noted)
     assert locator._once_more(seen, term, first, first) is first
-    off = 0.0 if is_sharper else -0.9  # px
-    found = replace(first, residuals=np.abs(first.residuals) * (0.2 if off else 1.0) + 1.0 + off)
+    found = worse if is_sharper else replace(worse, residuals=0.1 * first.residuals)
     again = locator._once_more(seen, term, first, found)
+    ((start,),) = starts
+    np.testing.assert_array_equal(start, worse.T_ref_cur)
     assert (again is not found) == is_sharper
     if is_sharper:
         assert se3.distance(again.T_ref_cur, first.T_ref_cur) < 1e-3
+
+
+def test_what_is_tracked_is_not_left_for_what_is_not(settled, monkeypatch):
+    """However sharp it is."""
+    locator, (seen, term, first, worse) = settled[0]._locator, registered(settled)
+    align = settled[0]._registration.align
+    in_doubt = "no step lowers the cost any more"
+    assert locator._once_more(seen, term, first, worse) is not worse
+    monkeypatch.setattr(
+        settled[0]._registration,
+        "align",
+        lambda *given, **more: replace(
+            align(*given, **more), converged=False, reason=in_doubt, iterations=99
+        ),
+    )
+    assert locator._once_more(seen, term, first, worse) is worse
+
+
+def test_without_depth_neither_is_asked(second, monkeypatch):
+    """There is nothing to hold against what only edges say."""
+    odometry, seen, start, term, found = second
+    bare, first = replace(seen, points=NO_POINTS), replace(found)
+    monkeypatch.setattr(odometry._registration, "align", lambda *given: pytest.fail("asked"))
+    assert odometry._locator._aside.look(bare, start, term, found) is found
+    assert odometry._locator._once_more(bare, term, first, found) is found
+
+
+def test_switched_off_nothing_is_asked(print_on_walls, second, monkeypatch):
+    _, seen, start, term, found = second
+    odometry, _ = rooms.tracked(print_on_walls, "motion.aside_px=0", count=1)
+    monkeypatch.setattr(odometry._registration, "align", lambda *given: pytest.fail("asked"))
+    assert odometry._locator._aside.look(seen, start, term, found) is found
+
+
+def test_it_begins_where_the_frame_was_expected(print_on_walls, monkeypatch):
+    odometry, _ = rooms.tracked(print_on_walls, count=1)
+    asked = []
+    look = odometry._locator._aside.look
+    monkeypatch.setattr(
+        odometry._locator._aside, "look", lambda *given: asked.append(given[1]) or look(*given)
+    )
+    odometry.track(print_on_walls[1][1])
+    (start,) = asked
+    np.testing.assert_array_equal(start, np.eye(4))
+
+
+def test_a_far_step_has_searches_of_its_own(print_on_walls, monkeypatch):
+    odometry, _ = rooms.tracked(print_on_walls, count=1)
+    late = replace(print_on_walls[1][1], timestamp=print_on_walls[1][0].timestamp + 0.6)
+    fail = lambda *given: pytest.fail("asked")  # noqa: E731
+    monkeypatch.setattr(odometry._locator._aside, "look", fail)
+    monkeypatch.setattr(odometry._locator, "_once_more", fail)
+    odometry.track(late)
+
+
+def test_what_the_glance_has_led_to_is_registered_once_more(settled, monkeypatch):
+    """And what comes of that is what the frame is placed by."""
+    odometry, frame = settled
+    locator, align = odometry._locator, odometry._registration.align
+    monkeypatch.setattr(odometry._judge, "_poor_fit", lambda alignment: "in doubt")
+    others, more = [], []
+
+    def around(*given):
+        others.append(replace(given[-1], agreeing=given[-1].agreeing))
+        return others[-1]
+
+    def once_more(seen, term, first, found):
+        assert found is not first
+        edges = odometry._course.key.edges_for(near=seen.is_near)
+        more.append(align(edges, seen.samples, found.T_ref_cur[None]))
+        return more[-1]
+
+    monkeypatch.setattr(odometry._search, "around", around)
+    monkeypatch.setattr(locator.assessor, "better", lambda found, other, when: other)
+    monkeypatch.setattr(locator, "_once_more", once_more)
+    monkeypatch.setattr(locator.mender, "mend", lambda seen, found: found)
+    monkeypatch.setattr(locator.mender, "weighed", lambda seen, found: found)
+    assert odometry.track(frame).alignment is more[-1]
+    assert others

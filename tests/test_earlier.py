@@ -12,6 +12,8 @@ from edvo.keyframes import Keyframe, KeyframeStore
 from edvo.odometry import Odometry, Status
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
 
+from . import problems
+
 BEFORE = 8  # frames, before another light makes a keyframe of its own
 
 
@@ -36,15 +38,17 @@ def in_another_light(walk, *overrides):
     return odometry
 
 
-def test_it_goes_back_to_the_keyframe_that_fits(walk):
+def test_it_goes_back_to_the_keyframe_that_fits(walk, monkeypatch):
     _, frames, truth = walk
     odometry = in_another_light(walk)
+    forgotten = problems.ways_forgotten(odometry, monkeypatch)
     for k in range(BEFORE, len(frames)):
         result = odometry.track(frames[k])
         assert result.status is Status.TRACKED
         off = se3.inverse(truth[k]) @ result.T_world_cam
         assert np.linalg.norm(off[:3, 3]) < 0.002
         assert odometry._course.key.index == 0
+    assert forgotten == [BEFORE]
 
 
 def test_asked_for_none_it_is_lost(walk):

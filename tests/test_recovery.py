@@ -8,7 +8,6 @@ import pytest
 import yaml
 
 from edvo import se3
-from edvo.config import Config
 from edvo.delay import DepthDelay
 from edvo.frame import Frame
 from edvo.keyframes import Keyframe, KeyframeStore
@@ -33,10 +32,13 @@ def walk(request):
     return source.camera, frames, [se3.inverse(truth[0]) @ T for T in truth]
 
 
-def covered_and_back(walk, back, *overrides):
-    """Track a walk, cover the lens, and go on from an earlier frame; the results after that."""
+def covered_and_back(walk, back, monkeypatch):
+    """Track a walk, cover the lens, and go on from an earlier frame; the results after that.
+
+    And of those the numbers of the frames by which the way there is forgotten.
+    """
     camera, frames, truth = walk
-    odometry = Odometry(camera, Config().with_overrides(overrides))
+    odometry = Odometry(camera)
     for frame in frames:
         odometry.track(frame)
     t = frames[-1].timestamp
@@ -44,23 +46,26 @@ def covered_and_back(walk, back, *overrides):
         t += COVERED_S / 4
         dark = Frame(t, np.full_like(frames[0].grey, 5), frames[0].depth)
         assert odometry.track(dark).status is Status.LOST
-    results = []
+    results, first = [], odometry._record.count
+    forgotten = problems.ways_forgotten(odometry, monkeypatch)
     for k in range(12):
         t += PERIOD
         frame = frames[back + k]
         result = odometry.track(Frame(t, frame.grey, frame.depth))
         off = se3.inverse(truth[back + k]) @ result.T_world_cam
         results.append((result.status, float(np.linalg.norm(off[:3, 3]))))
-    return results
+    return results, [index - first for index in forgotten]
 
 
 @pytest.mark.parametrize("back", [2, 12])
-def test_found_again_after_two_seconds_in_the_dark(walk, back):
-    results = covered_and_back(walk, back)
+def test_found_again_after_two_seconds_in_the_dark(walk, back, monkeypatch):
+    results, forgotten = covered_and_back(walk, back, monkeypatch)
     assert results[-1][0] is Status.TRACKED
     assert results[-1][1] < 0.02
     # never somewhere else, though steps are alike
     assert all(error < 0.03 for status, error in results if status is not Status.LOST)
+    found = [status is not Status.LOST for status, _ in results].index(True)
+    assert forgotten == [found]  # how it came there
 
 
 @pytest.mark.parametrize(
