@@ -551,10 +551,10 @@ class MotionConfig(Section):
     )
     aside_px: Annotated[float, Field(ge=0, le=20)] = Field(
         default=4.0,
-        description="where a registration is in doubt, as by that a fifth fewer edges agree than "
-        "before, and less than eight tenths do: it is tried from so many pixels to each side of "
-        "where the frame is expected, and kept if edges are clearly more in their places; 0 does "
-        "neither. Needs search_deg and planes.weight. Not in the paper",
+        description="where a registration is in doubt, or a fifth fewer edges agree than before, "
+        "and less than eight tenths do: it is tried from so many pixels to each side of where the "
+        "frame is expected, and kept if edges are clearly more in their places; 0 does not. Needs "
+        "search_deg and planes.weight. Not in the paper",
     )
     along_px: Annotated[float, Field(ge=0, le=200)] = Field(
         default=40.0,

@@ -125,9 +125,9 @@ class Locator:
             return alignment, status, reason
         unsure = status is not Status.TRACKED or self._judge.scatter.fits_less(alignment)
         unsure = unsure or self._leaves_out(seen, alignment)
-        unsure = unsure or (self._aside.is_on and self._judge.agrees_less(alignment))
+        aside = unsure or (self._aside.is_on and self._judge.agrees_less(alignment))
         new = not self._judge.scatter.is_known
-        if not far and not unsure and not new and self.mender.amiss(seen, alignment) is None:
+        if not far and not aside and not new and self.mender.amiss(seen, alignment) is None:
             return alignment, status, reason
         with self._clock("search"):
             narrow = not far and self.registrar.begins_narrow
@@ -138,7 +138,7 @@ class Locator:
                 other = self._search.around(key, course.T_key_last, seen, alignment)
                 alignment = self._kept(led, self.assessor.better(alignment, other, timestamp))
                 status, reason = self.assessor.assess(alignment, timestamp)
-            if not far and unsure:
+            if not far and aside:
                 beside = self._aside.look(seen, starts[0], term, alignment)
                 alignment = self._kept(led, self.assessor.better(alignment, beside, timestamp))
             if not far:
