@@ -1013,16 +1013,17 @@ def test_place_points(rng, shape, every, around):
 def test_points_in_front(rng, camera):
     points = rng.uniform((-1, -1, -0.2), (1, 1, 3), (1200, 3))
     T, (rows, cols) = problems.motion(rng, 0.1, 5.0), (30, 40)
-    z, cell = np.empty(len(points)), np.empty(len(points), np.int32)
-    count, (expected_z, expected_cell) = both(
+    z, (cell, which) = np.empty(len(points)), np.empty((2, len(points)), np.int32)
+    count, (expected_z, expected_cell, expected_which) = both(
         "warp_to_cells",
         lambda: kernels.warp_to_cells(
-            points, T, pinhole(camera), lens(camera), 4, rows, cols, z, cell
+            points, T, pinhole(camera), lens(camera), 4, rows, cols, z, cell, which
         ),
         lambda: twins.warp_to_cells(points, T, camera, 4, rows, cols),
     )
     assert 100 < count < len(points)
     np.testing.assert_array_equal(cell[:count], expected_cell)
+    np.testing.assert_array_equal(which[:count], expected_which)
     np.testing.assert_allclose(z[:count], expected_z, rtol=1e-12)
     near, far = np.sort(rng.uniform(0, 3, (2, rows, cols)), axis=0).astype(np.float32)
     near[near < 0.1], far[rng.random(far.shape) < 0.2] = 0, 0
@@ -1033,6 +1034,20 @@ def test_points_in_front(rng, camera):
         lambda: twins.count_in_front(z[:count], slack, cell[:count], near, far),
     )
     assert found == expected
+
+
+@pytest.mark.parametrize("count", [0, 1, 60])
+def test_far_points(rng, count):
+    points, others = rng.uniform(-1, 1, (1500, 3)), rng.uniform(-1, 1, (count, 3))
+    T, is_far = problems.motion(rng, 0.3, 20.0), np.empty(1500, np.bool_)
+    _, expected = both(
+        "find_far",
+        lambda: kernels.find_far(points, T, others, 0.35, is_far),
+        lambda: twins.find_far(points, T, others, 0.35),
+    )
+    np.testing.assert_array_equal(is_far, expected)
+    assert np.any(~is_far) == (count > 0)
+    assert np.any(is_far)
 
 
 # ---------------------------------------------------------------------------- depth registration

@@ -690,12 +690,19 @@ def place_points(kept, every, rays, ring):
 
 def warp_to_cells(points, T, camera, step, rows, cols):
     X = points @ T[:3, :3].T + T[:3, 3]
-    X = X[X[:, 2] > kernels.MIN_DEPTH]
+    which = np.flatnonzero(X[:, 2] > kernels.MIN_DEPTH)
+    X = X[which]
     z = X[:, 2]
     ideal = X[:, :2] / z[:, None] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
     col, row = np.floor(camera.distort(ideal).T / step)
     inside = (col >= 0) & (row >= 0) & (col < cols) & (row < rows)
-    return z[inside], (row * cols + col)[inside].astype(np.int32)
+    return z[inside], (row * cols + col)[inside].astype(np.int32), which[inside]
+
+
+def find_far(points, T, others, reach):
+    moved = points @ T[:3, :3].T + T[:3, 3]
+    away = np.linalg.norm(moved[:, None] - others, axis=-1)
+    return away.min(axis=1, initial=np.inf) > reach
 
 
 def count_in_front(z, slack, cell, near, far):

@@ -656,6 +656,12 @@ class StatusConfig(Section):
         "is left out where depth tells it from what stands still, or edges and depth count all "
         "alike. Not in the paper",
     )
+    moving_m: Annotated[float, Field(ge=0, le=5)] = Field(
+        default=0.35,
+        description="what comes so near to where half a second ago nothing was, and now something "
+        "is, is left out for a while, though too little moves for max_conflict to notice; 0 keeps "
+        "it. With max_conflict and moving. Not in the paper",
+    )
     sudden_change: Literal["doubt", "ignore"] = Field(
         default="doubt",
         description="where a frame is in doubt for its fit with a keyframe of less than 0.1 s ago, "
@@ -937,6 +943,7 @@ PRESETS: dict[str, dict[str, Any]] = {
             "first_agreeing": 0.0,
             "covariance": "none",
             "moving": "follow",
+            "moving_m": 0.0,
             "lost": "wait",
             "sudden_change": "ignore",
             "torn": "ignore",

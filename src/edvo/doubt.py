@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from edvo.course import Course
 from edvo.keyframes import Keyframe
 from edvo.kit import Kit
+from edvo.movers import Movers
 from edvo.registration import Alignment
 from edvo.seen import Seen
 from edvo.status import Status
@@ -54,6 +55,8 @@ class Doubt:
         When something was last seen to move by itself, seconds.
     is_sure : bool
         Whether the last pose was tracked.
+    movers : Movers
+        What moves by itself, by poses that are sure.
     """
 
     def __init__(self, kit: Kit, course: Course) -> None:
@@ -61,6 +64,7 @@ class Doubt:
         self._course = course
         keeps_strays = kit.config.edges.strays == "kept"
         self._witness = Witness(kit.camera, kit.config.planes.sensor, keeps_strays=keeps_strays)
+        self.movers = Movers(kit, course, self._witness)
         self._time, self.reason = -math.inf, MOVED
         self._begun = math.inf  # when the first frame was taken, seconds
         # When a keyframe was made of a pose that may be off, or the camera found elsewhere.
@@ -169,6 +173,7 @@ class Doubt:
     def forget(self) -> None:
         """Drop what was seen on the way here."""
         self._witness.forget()
+        self.movers.forget()
         self._calm_time = -math.inf
         self._last_sure = None
 
@@ -181,6 +186,7 @@ class Doubt:
             Seconds.
         """
         self._witness.forget(timestamp)
+        self.movers.forget(timestamp)
         self._calm_time = -math.inf
 
     def rewind(self) -> None:
@@ -279,6 +285,10 @@ class Doubt:
             status = Status.DEGRADED
         if conflict < CALM * limits.max_conflict:
             self._calm_time = timestamp
+        if self.has_just_begun(timestamp) or self.lasts(timestamp):
+            self.movers.mind_doubt(timestamp)
+        elif status is Status.TRACKED:
+            self.movers.note(timestamp, T_world_cam, surface)
         self._witness.remember(timestamp, T_world_cam, surface)
         return status, reason
 

@@ -5403,10 +5403,11 @@ def warp_to_cells(
     cols: int,
     z: F64,
     cell: I32,
+    which: I32,
 ) -> int:
     """Warp points by T into an image, distorted where the lens does so, of cells ``step`` wide.
 
-    Writes depth and flat cell of those that come to lie in one; returns how many.
+    Writes depth, flat cell and number of those that come to lie in one; returns how many.
     """
     bent = lens.k1 != 0 or lens.k2 != 0 or lens.p1 != 0 or lens.p2 != 0 or lens.k3 != 0
     count = 0
@@ -5421,7 +5422,7 @@ def warp_to_cells(
             u, v = distorted(u, v, lens)
         u, v = u * camera.fx + camera.cx, v * camera.fy + camera.cy
         if 0 <= u < cols * step and 0 <= v < rows * step:
-            z[count] = pz
+            z[count], which[count] = pz, i
             cell[count] = int(v / step) * cols + int(u / step)
             count += 1
     return count
@@ -5440,6 +5441,21 @@ def count_in_front(z: F64, slack: F64, cell: I32, near: F32, far: F32) -> tuple[
         elif far[k] > 0 and z[i] <= far[k] + slack[i]:
             together += 1
     return in_front, together
+
+
+@compiled
+def find_far(points: F64, T: F64, others: F64, reach: float, is_far: NDArray[np.bool_]) -> None:
+    """Say of points, moved by T, which are farther than ``reach`` from each of some others."""
+    for i in range(points.shape[0]):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        px = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
+        py = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
+        pz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+        least = np.inf
+        for k in range(others.shape[0]):
+            dx, dy, dz = px - others[k, 0], py - others[k, 1], pz - others[k, 2]
+            least = min(least, dx * dx + dy * dy + dz * dz)
+        is_far[i] = least > reach * reach
 
 
 # ---------------------------------------------------------------------------- depth registration

@@ -128,7 +128,7 @@ class Placer:
         Placed
             To be confirmed where it is not lost.
         """
-        seen = self._parting.apart(seen) or seen
+        seen = self._parting.apart(seen) or self._passed_by(seen) or seen
         placed = Placed(seen, *self._standing.register(seen))
         back = self._come_back(placed) if placed.still is None else None
         if back is not None:
@@ -173,6 +173,12 @@ class Placer:
         if confirmed.status is Status.DEGRADED and confirmed.still is None:
             self._doubt.mind_change(confirmed.alignment, timestamp)
         return confirmed
+
+    def _passed_by(self, seen: Seen) -> Seen | None:
+        """Leave out what moves by itself, as long as it is little; else see `Standing`."""
+        if self._standing.is_moving(seen.frame.timestamp):
+            return None
+        return self._doubt.movers.apart(seen)
 
     def _come_back(self, placed: Placed) -> Placed | None:
         """Go on from the keyframe that was left along what nothing told, if that is to be had."""

@@ -24,7 +24,8 @@ USUAL_WIDTH = 640  # in wider ones they are as many
 WINDOW = 7  # depths to a side: what lies so near a contour may be shifted, with colour out of step
 SLACK_M, SLACK_SIGMA = 0.02, 6.0  # by which a point must be in front: for the pose, and for noise
 MIN_POINTS = 50  # fewer say nothing
-AGE_S, MAX_AGE_S = 0.15, 1.0  # of the depth image that is asked: what moves slowly needs time
+AGE_S, MAX_AGE_S = 0.15, 1.0  # of the depth image that is asked: what moves slowly needs time,
+RISEN_S = 0.5  # and to tell which part of the view it is, more
 LEAST_TIME = 0.5  # of that age: what is seen of motion in less is mostly noise
 
 
@@ -165,23 +166,65 @@ class Witness:
         """
         while self._seen and not 0 <= timestamp - self._seen[0][0] <= MAX_AGE_S:
             self._seen.popleft()
-        while len(self._seen) > 1 and timestamp - self._seen[1][0] >= AGE_S:
+        while len(self._seen) > 1 and timestamp - self._seen[1][0] >= RISEN_S:
             self._seen.popleft()
         if not self._seen:
             return 0.0
-        time, T_world_then, then = self._seen[0]
+        time, T_world_then, then = self._aged(timestamp, AGE_S) or self._seen[0]
         conflict = self.conflict(then, surface, se3.inverse(T_world_then) @ T_world_cam)
         return conflict / min(max((timestamp - time) / AGE_S, LEAST_TIME), 1.0)
+
+    def risen(
+        self, timestamp: float, T_world_cam: NDArray[np.float64], surface: Surface, since: float
+    ) -> NDArray[np.float64]:
+        """Give what stands where half a second ago nothing was.
+
+        Parameters
+        ----------
+        timestamp : float
+            Seconds.
+        T_world_cam : ndarray of float64, shape (4, 4)
+        surface : Surface
+            Seen from there.
+        since : float
+            What was seen by then is not asked, seconds.
+
+        Returns
+        -------
+        ndarray of float64, shape (N, 3)
+            In the world, metres; none where nothing was seen so long ago.
+        """
+        old = self._aged(timestamp, RISEN_S)
+        if old is None or old[0] <= since:
+            return np.empty((0, 3))
+        _, T_world_then, then = old
+        T_then_cam = se3.inverse(T_world_then) @ T_world_cam
+        z, slack, cell, which = self._warped(then, surface.points, T_then_cam)
+        in_front = z < then.near.reshape(-1)[cell] - slack
+        risen = surface.points[which[in_front]]
+        return risen @ T_world_cam[:3, :3].T + T_world_cam[:3, 3]
+
+    def _aged(
+        self, timestamp: float, age: float
+    ) -> tuple[float, NDArray[np.float64], Surface] | None:
+        """Give the last that was seen so many seconds ago, or longer."""
+        return next((seen for seen in reversed(self._seen) if timestamp - seen[0] >= age), None)
 
     def _compare(
         self, surface: Surface, points: NDArray[np.float64], T: NDArray[np.float64]
     ) -> tuple[int, int]:
         """Count the points in front of a surface, and those in front of it or on it."""
+        z, slack, cell, _ = self._warped(surface, points, T)
+        return kernels.count_in_front(z, slack, cell, surface.near, surface.far)
+
+    def _warped(
+        self, surface: Surface, points: NDArray[np.float64], T: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int32], NDArray[np.int32]]:
+        """Depths, what these may be off by, cells and numbers of points that a surface shows."""
         rows, cols = surface.near.shape
-        z, cell = np.empty(len(points)), np.empty(len(points), np.int32)
+        z, (cell, which) = np.empty(len(points)), np.empty((2, len(points)), np.int32)
         count = kernels.warp_to_cells(
-            points, T, self._pinhole, self._lens, self._step, rows, cols, z, cell
+            points, T, self._pinhole, self._lens, self._step, rows, cols, z, cell, which
         )
         z = z[:count]
-        slack = SLACK_M + SLACK_SIGMA * self._noise.sigma_z(z)
-        return kernels.count_in_front(z, slack, cell[:count], surface.near, surface.far)
+        return z, SLACK_M + SLACK_SIGMA * self._noise.sigma_z(z), cell[:count], which[:count]

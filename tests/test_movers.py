@@ -1,0 +1,287 @@
+"""What moves in a small part of the view is left out, before it is much."""
+
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+
+from edvo import se3
+from edvo.config import Config
+from edvo.edges import EdgePixels
+from edvo.frame import Frame
+from edvo.movers import KEPT_S, LEAST, Movers
+from edvo.odometry import Odometry, Status
+from edvo.planes import PlanePoints
+from edvo.seen import Seen
+from edvo.witness import RISEN_S, Witness
+
+from . import problems
+from .test_witness import CAMERA, MOVED, STILL, noisy, room
+
+PERIOD = 1 / 30
+STEP = 0.008  # by which the box moves in a frame, m
+STANDS, NOTICED, FRAMES = (
+    35,
+    56,
+    85,
+)  # frames for which the box stands still, till it is noticed, and all
+AHEAD = se3.exp(np.array([0.002, 0, 0, 0, 0, 0]))  # of the camera, in a frame
+
+
+def painted(T_world_cam, box, timestamp):
+    """A frame of the room of `test_witness`: a box in cloth before a wall with a few marks."""
+    depth = room(T_world_cam, camera=CAMERA, box=box)
+    v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
+    ray = np.stack(
+        [(u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy, np.ones(u.shape)], axis=-1
+    )
+    X = (ray * depth[..., None]) @ T_world_cam[:3, :3].T + T_world_cam[:3, 3]
+    is_box = np.abs(X[..., 2] - 2) < 1e-4
+    if box is not None:
+        X[is_box, 0] -= box
+    maps = np.moveaxis((X[..., :2] * 160 + 512).astype(np.float32), -1, 0)
+    wall, cloth = (cv2.remap(image, *maps, cv2.INTER_LINEAR) for image in IMAGES)
+    grey = np.where(is_box, cloth, wall).astype(np.uint8)
+    return Frame(timestamp, grey, noisy(depth, round(timestamp / PERIOD)))
+
+
+def pictures():
+    rng = np.random.default_rng(5)
+    wall = np.full((1024, 1024), 120, np.uint8)
+    for _ in range(120):
+        a, b = rng.integers(150, 874, (2, 2))
+        cv2.line(wall, a.tolist(), (a + (b - a) // 8).tolist(), int(rng.integers(140, 200)), 3)
+    cloth = cv2.GaussianBlur(rng.normal(size=wall.shape), (0, 0), 5)
+    cloth = np.clip(120 + 50 * cloth / cloth.std(), 0, 255).astype(np.uint8)
+    return cv2.GaussianBlur(wall, (0, 0), 1), cloth
+
+
+IMAGES = pictures()
+
+
+@pytest.fixture(scope="module")
+def passing():
+    """Frames of a box that begins to move, and the poses."""
+    truth, frames = [], []
+    for i in range(FRAMES):
+        truth.append(np.linalg.matrix_power(AHEAD, i))
+        box = -0.5 + STEP * max(i - STANDS, 0)
+        frames.append(painted(truth[-1], box, i * PERIOD))
+    return frames, truth
+
+
+def tracked(passing, *overrides):
+    frames, truth = passing
+    odometry = Odometry(CAMERA, Config().with_overrides(overrides))
+    results = [odometry.track(frame) for frame in frames]
+    off = [problems.error(T, r.T_world_cam)[0] for T, r in zip(truth, results, strict=True)]
+    return np.array(off), results
+
+
+# ------------------------------------------------------------------------------ what has moved
+
+
+def risen(before, after, T=STILL, since=-np.inf, age=RISEN_S):
+    """What stands where it did not, as against an image of so long ago."""
+    witness = Witness(CAMERA, "kinect_v1")
+    witness.remember(1.0, STILL, witness.surface(before))
+    return witness.risen(1.0 + age, T, witness.surface(after), since)
+
+
+@pytest.mark.parametrize("T", [STILL, MOVED])
+def test_what_has_come_to_where_nothing_was_is_found_in_the_world(T):
+    found = risen(noisy(room(STILL, box=0.0), 1), noisy(room(T, box=0.15), 2), T)
+    assert len(found) > 20
+    np.testing.assert_allclose(found[:, 2], 2, atol=0.05)
+    # less the margin at the contour
+    assert 0.25 < found[:, 0].min() < found[:, 0].max() < 0.405
+    assert found[:, 0].max() > 0.36
+
+
+def test_where_nothing_has_moved_nothing_is_found():
+    assert len(risen(noisy(room(STILL, box=0.0), 1), noisy(room(MOVED, box=0.0), 2), MOVED)) == 0
+
+
+@pytest.mark.parametrize(
+    ("age", "since", "is_asked"),
+    [(0.4, 0.0, False), (RISEN_S, 0.9, True), (RISEN_S, 1.0, False), (0.9, 0.0, True)],
+)
+def test_it_is_asked_of_half_a_second_ago_and_not_of_what_is_in_doubt(age, since, is_asked):
+    found = risen(room(STILL, box=0.0), room(STILL, box=0.15), since=since, age=age)
+    assert (len(found) > 0) == is_asked
+
+
+def test_the_last_that_is_old_enough_is_asked():
+    witness = Witness(CAMERA, "kinect_v1")
+    here, there = (witness.surface(room(STILL, box=x)) for x in (0.0, 0.15))
+    for time, surface in ((1.0, here), (1.1, there), (1.3, there)):
+        witness.remember(time, STILL, surface)
+    assert len(witness.risen(1.55, STILL, there, -np.inf)) > 0
+    assert len(witness.risen(1.65, STILL, there, -np.inf)) == 0
+    # a question drops what is older than either may ask for
+    witness.question(1.65, STILL, there)
+    assert len(witness.risen(1.55, STILL, there, -np.inf)) == 0
+
+
+# ----------------------------------------------------------------------------- what is left out
+
+
+def seen(X, time=0.0):
+    """A frame whose samples and points are these."""
+    pixels = (X[:, :2] / X[:, 2:] * (CAMERA.fx, CAMERA.fy) + (CAMERA.cx, CAMERA.cy)).astype("f4")
+    up = np.tile(np.float32([0, 1]), (len(X), 1))
+    points = PlanePoints(X, np.tile([0.0, 0, -1], (len(X), 1)), np.full(len(X), 0.01), 16.0)
+    frame = Frame(time, np.zeros((480, 640), "u1"), np.ones((480, 640), "f4"))
+    return Seen(frame, None, EdgePixels(pixels, up, X[:, 2].astype("f4")), points)
+
+
+def movers(*overrides, T_world_last=STILL, velocity=STILL, risen=()):
+    """One that is told by a witness what has moved."""
+    config = Config().with_overrides(["registration.min_matches=30", *overrides])
+    kit = SimpleNamespace(camera=CAMERA, config=config)
+    course = SimpleNamespace(T_world_last=T_world_last, ahead=lambda _: velocity)
+    witness = SimpleNamespace(risen=lambda *_: np.asarray(risen, float))
+    return Movers(kit, course, witness)
+
+
+GRID = np.stack(np.meshgrid(np.arange(-1, 1, 0.1), np.arange(-1, 1, 0.1)), -1).reshape(-1, 2)
+WALL = np.column_stack([GRID, np.full(len(GRID), 3.0)])
+SPOT = np.array([[0.5, 0.5, 3], [0.501, 0.5, 3], [0.5, 0.501, 3], [0.501, 0.501, 3]])
+
+
+@pytest.mark.parametrize("reach", [0.23, 0.47])
+@pytest.mark.parametrize("velocity", [STILL, MOVED])
+def test_samples_and_points_near_by_are_left_out(reach, velocity):
+    last = se3.exp(np.array([0.1, 0.2, -0.3, 0.05, 0.1, -0.2]))
+    of = movers(f"status.moving_m={reach}", T_world_last=last, velocity=velocity, risen=SPOT)
+    of.note(1.0, STILL, None)
+    T_cam_world = se3.inverse(last @ velocity)
+    X = WALL @ T_cam_world[:3, :3].T + T_cam_world[:3, 3]
+    rest = of.apart(seen(X, 1.03))
+    away = np.linalg.norm(WALL[:, None] - SPOT, axis=-1).min(axis=1)
+    np.testing.assert_allclose(rest.points.X, X[away > reach], atol=1e-12)
+    np.testing.assert_allclose(rest.samples.points(CAMERA), X[away > reach], atol=1e-5)
+    assert len(rest.points.normals) == len(rest.points.sigma) == len(rest.points.X)
+    assert 0 < len(rest.samples) < len(WALL)
+
+
+def spread(times):
+    return SPOT[0] + times * (SPOT - SPOT[0])
+
+
+@pytest.mark.parametrize(
+    ("spot", "is_noise"),
+    [(SPOT, False), (SPOT[: LEAST - 1], True), (spread(90), False), (spread(180), True)],
+)
+def test_a_few_points_or_far_apart_ones_are_noise(spot, is_noise):
+    """At 3.1 m they lie 0.09 m apart as a rule."""
+    of = movers(risen=spot)
+    of.note(1.0, STILL, None)
+    assert (of.apart(seen(WALL, 1.0)) is None) == is_noise
+
+
+def test_lone_points_beside_others_are_left_alone():
+    of = movers(risen=np.vstack([SPOT, [[-0.8, -0.8, 3.0]]]))
+    of.note(1.0, STILL, None)
+    rest = of.apart(seen(WALL, 1.0)).points.X
+    assert np.linalg.norm(rest - (-0.8, -0.8, 3.0), axis=1).min() < 1e-9
+
+
+@pytest.mark.parametrize(("time", "is_kept"), [(1.0, True), (KEPT_S, True), (1.8, False)])
+def test_it_is_left_out_for_a_while(time, is_kept):
+    of = movers(risen=SPOT)
+    of.note(0.1 if time < 1 else 1.0, STILL, None)
+    assert (of.apart(seen(WALL, time)) is not None) == is_kept
+
+
+def test_a_clock_that_jumps_back_ends_it():
+    of = movers(risen=SPOT)
+    of.note(1.0, STILL, None)
+    assert of.apart(seen(WALL, 0.9)) is None
+    assert of.apart(seen(WALL, 1.1)) is None
+
+
+def test_it_is_forgotten_with_the_poses_that_told():
+    of = movers(risen=SPOT)
+    for time in (1.0, 1.2):
+        of.note(time, STILL, None)
+    of.forget(1.1)
+    assert of.apart(seen(WALL, 1.2)) is not None
+    of.forget(1.0)
+    assert of.apart(seen(WALL, 1.2)) is None
+
+
+@pytest.mark.parametrize(("share", "is_left"), [(0.35, False), (0.45, True)])
+def test_what_is_most_of_a_frame_is_not_left_out(share, is_left):
+    near = np.tile(SPOT, (100, 1))[: round(300 * (1 - share))]
+    far = np.tile([[-0.5, -0.5, 3.0]], (round(300 * share), 1))
+    of = movers(risen=SPOT)
+    of.note(1.0, STILL, None)
+    assert (of.apart(seen(np.vstack([near, far]), 1.0)) is not None) == is_left
+
+
+@pytest.mark.parametrize(("count", "is_left"), [(29, False), (30, True)])
+def test_as_many_samples_are_left_as_a_registration_needs(count, is_left):
+    of = movers(risen=SPOT)
+    of.note(1.0, STILL, None)
+    X = np.vstack([SPOT, np.tile([[-0.5, -0.5, 3.0]], (count, 1))])
+    assert (of.apart(seen(X, 1.0)) is not None) == is_left
+
+
+def test_where_none_of_it_is_in_view_a_frame_is_as_it_was():
+    of = movers(risen=SPOT + 9)
+    of.note(1.0, STILL, None)
+    assert of.apart(seen(WALL, 1.0)) is None
+
+
+@pytest.mark.parametrize("off", ["moving_m=0", "moving=follow"])
+def test_it_can_be_switched_off_and_the_paper_does(off):
+    assert Config.preset("paper").status.moving_m == 0
+    of = movers(f"status.{off}", risen=SPOT)
+    of.note(1.0, STILL, None)
+    assert of.apart(seen(WALL, 1.0)) is None
+
+
+# --------------------------------------------------------------------------------- a whole clip
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_what_moves_slowly_is_left_out_once_it_is_noticed(passing, seed):
+    frames, _ = passing
+    left, off = {}, {}
+    for reach in (0, 0.35):
+        off[reach], results = tracked(passing, f"seed={seed}", f"status.moving_m={reach}")
+        left[reach] = [on_box(frames[i], results[i], i) for i in range(NOTICED, FRAMES)]
+        if reach:
+            assert {result.status for result in results[NOTICED:]} == {Status.TRACKED}
+        else:
+            assert sum(result.status is not Status.TRACKED for result in results[NOTICED:]) >= 2
+    assert min(left[0]) > 0.25
+    assert max(left[0.35]) < 0.1
+    assert max(left[0.35][12:]) < 0.01
+    assert off[0.35][NOTICED:].max() < off[0][NOTICED:].max() / 4
+
+
+def on_box(frame, result, i):
+    """Share of the samples that lie on the box."""
+    middle = CAMERA.cx + (-0.5 + STEP * (i - STANDS) - AHEAD[0, 3] * i) * CAMERA.fx / 2
+    u, v = result.alignment.pixels.astype(int).T
+    return np.mean((np.abs(u - middle) < 66) & (np.abs(frame.depth[v, u] - 2) < 0.15))
+
+
+def test_what_a_doubtful_pose_shows_does_not_tell_what_moves(passing):
+    """Nor what the first second does, nor a frame that is degraded."""
+    frames, _ = passing
+    odometry = Odometry(CAMERA, Config())
+    asked = []
+    doubt = odometry._doubt
+    doubt.movers.note = lambda timestamp, *_: asked.append(timestamp)
+    for i, frame in enumerate(frames):
+        if i == 50:
+            doubt.cast(frame.timestamp, "for a test")
+        odometry.track(frame)
+    assert asked
+    assert min(asked) > 1.0
+    assert not any(0 <= time - 50 * PERIOD < 1 for time in asked)
+    assert doubt.movers._sure_since >= 50 * PERIOD
