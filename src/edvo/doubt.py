@@ -100,6 +100,20 @@ class Doubt:
         """
         return 0 <= timestamp - self._time < DOUBTFUL_S
 
+    def moved(self, timestamp: float) -> bool:
+        """Whether something moved by itself of late.
+
+        Parameters
+        ----------
+        timestamp : float
+            Seconds.
+
+        Returns
+        -------
+        bool
+        """
+        return 0 <= timestamp - self.moving_time < DOUBTFUL_S
+
     def cast_on_way(self, timestamp: float, reason: str = WAS_LOOSE) -> None:
         """Cast doubt on the way to what follows, which by itself is as good as any.
 
@@ -285,9 +299,9 @@ class Doubt:
             status = Status.DEGRADED
         if conflict < CALM * limits.max_conflict:
             self._calm_time = timestamp
-        if self.has_just_begun(timestamp) or self.lasts(timestamp):
+        if self.has_just_begun(timestamp) or (self.lasts(timestamp) and not self.moved(timestamp)):
             self.movers.mind_doubt(timestamp)
-        elif status is Status.TRACKED:
+        else:
             self.movers.note(timestamp, T_world_cam, surface)
         self._witness.remember(timestamp, T_world_cam, surface)
         return status, reason

@@ -89,12 +89,14 @@ class Movers:
         if len(risen):
             self._moved.append((timestamp, risen))
 
-    def apart(self, seen: Seen) -> Seen | None:
+    def apart(self, seen: Seen, most: float = 1.0) -> Seen | None:
         """Take from a frame what is near to where something moved of late.
 
         Parameters
         ----------
         seen : Seen
+        most : float, optional
+            Share of the points of its depth that may be taken.
 
         Returns
         -------
@@ -114,10 +116,14 @@ class Movers:
         if count == len(rest) or count < max(LEFT * len(rest), self._least):
             return None
         kernels.find_far(points.X, T, moved, self._reach_m, good)
+        if np.count_nonzero(~good) > most * len(good):
+            return None
         points = points._replace(
             X=points.X[good], normals=points.normals[good], sigma=points.sigma[good]
         )
-        return replace(seen, samples=samples.where(np.flatnonzero(rest)), points=points)
+        return replace(
+            seen, samples=samples.where(np.flatnonzero(rest)), points=points, is_rid=True
+        )
 
 
 def _thinned(X: NDArray[np.float64], side: float) -> NDArray[np.float64]:

@@ -26,6 +26,8 @@ from edvo.status import Status
 from edvo.unshared import Unshared
 from edvo.upkeep import Upkeep
 
+LITTLE = 0.2  # of the view moves; where it is more, what stands still is told point by point
+
 
 class Way(Enum):
     """What says where a frame was taken."""
@@ -128,8 +130,8 @@ class Placer:
         Placed
             To be confirmed where it is not lost.
         """
-        seen = self._parting.apart(seen) or self._passed_by(seen) or seen
-        placed = Placed(seen, *self._standing.register(seen))
+        seen = self._parting.apart(seen) or seen
+        placed = self._rid(seen) or Placed(seen, *self._standing.register(seen))
         back = self._come_back(placed) if placed.still is None else None
         if back is not None:
             return back
@@ -174,11 +176,16 @@ class Placer:
             self._doubt.mind_change(confirmed.alignment, timestamp)
         return confirmed
 
-    def _passed_by(self, seen: Seen) -> Seen | None:
-        """Leave out what moves by itself, as long as it is little; else see `Standing`."""
-        if self._standing.is_moving(seen.frame.timestamp):
+    def _rid(self, seen: Seen) -> Placed | None:
+        """Place a frame by what is left of it where it is known what moves, if that fits."""
+        if seen.is_parted:
             return None
-        return self._doubt.movers.apart(seen)
+        is_moving = self._standing.is_moving(seen.frame.timestamp)
+        rid = self._doubt.movers.apart(seen, LITTLE if is_moving else 1.0)
+        if rid is None:
+            return None
+        placed = Placed(rid, *self._locator.locate(rid))
+        return None if placed.is_lost else placed
 
     def _come_back(self, placed: Placed) -> Placed | None:
         """Go on from the keyframe that was left along what nothing told, if that is to be had."""

@@ -5,7 +5,7 @@ import math
 from edvo import se3
 from edvo.background import YOUNG_S, Background, Still
 from edvo.course import LONGEST_PREDICTION_S, Course
-from edvo.doubt import DOUBTFUL_S, MOVED, Doubt
+from edvo.doubt import MOVED, Doubt
 from edvo.kit import Kit
 from edvo.locating import Locator
 from edvo.registration import Alignment
@@ -66,7 +66,7 @@ class Standing:
         -------
         bool
         """
-        return self._leaves_out and 0 <= timestamp - self._doubt.moving_time < DOUBTFUL_S
+        return self._leaves_out and self._doubt.moved(timestamp)
 
     def register(self, seen: Seen) -> tuple[Alignment, Status, str, Still | None]:
         """Register a frame with the keyframe: what stands still, where much moves, or all of it.
@@ -120,7 +120,8 @@ class Standing:
             return alignment, status, reason, still
         status, reason = self._doubt.question(seen, alignment, status, reason)
         doubted = status is Status.LOST or not self._judge.is_out_of_step(alignment)
-        if still is None and doubted and self._is_noticed(seen.frame.timestamp):
+        asked = still is None and not seen.is_rid
+        if asked and doubted and self._is_noticed(seen.frame.timestamp):
             still = self._go_back(seen)
             if still is not None:
                 alignment = still.alignment
