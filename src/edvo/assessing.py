@@ -144,8 +144,7 @@ class Assessor:
         course = self._course
         if course.period(timestamp) > LONGEST_PREDICTION_S:
             return 0.0
-        T_expected = course.T_world_last @ course.ahead(timestamp)
-        return se3.distance(T_expected, course.key.T_world_key @ T_key_cur)
+        return se3.distance(course.expected(timestamp), course.key.T_world_key @ T_key_cur)
 
     def limit(self, timestamp: float) -> float:
         """Say how far from there a hand may move the camera.

@@ -22,7 +22,7 @@ from edvo.frame import Frame
 from edvo.keyframes import Keyframe
 from edvo.matching import Criterion
 from edvo.places import is_apart
-from edvo.planes import PlaneFitter, PlaneMap, camera_of
+from edvo.planes import PlaneFitter, PlaneMap, camera_of, chosen
 from edvo.registration import Alignment, Registration
 from edvo.seen import Seen
 
@@ -331,9 +331,7 @@ class Background:
         return replace(
             seen,
             samples=samples.where(which),
-            points=points._replace(
-                X=points.X[good], normals=points.normals[good], sigma=points.sigma[good]
-            ),
+            points=chosen(points, good),
         )
 
     def _far(self, seen: Seen) -> _Far | None:

@@ -217,6 +217,21 @@ class Course:
         """
         return se3.exp(self.velocity * min(self.period(timestamp), LONGEST_PREDICTION_S))
 
+    def expected(self, timestamp: float) -> NDArray[np.float64]:
+        """Where the camera is expected, at constant velocity.
+
+        Parameters
+        ----------
+        timestamp : float
+            Seconds.
+
+        Returns
+        -------
+        ndarray of float64, shape (4, 4)
+            T_world_cam.
+        """
+        return self.T_world_last @ self.ahead(timestamp)
+
     def ahead_of_before(self, timestamp: float) -> NDArray[np.float64] | None:
         """Where it is expected from the pose before the last, of which that knows nothing.
 

@@ -56,7 +56,7 @@ class Doubt:
     is_sure : bool
         Whether the last pose was tracked.
     movers : Movers
-        What moves by itself, by poses that are sure.
+        What moves in a small part of the view.
     """
 
     def __init__(self, kit: Kit, course: Course) -> None:
@@ -206,6 +206,7 @@ class Doubt:
     def rewind(self) -> None:
         """Take note of a clock that has jumped back."""
         self._last_sure = None
+        self.movers.forget()
         self.calm()
 
     def note_sure(self, timestamp: float, T_key_cur: NDArray[np.float64]) -> None:
@@ -299,7 +300,9 @@ class Doubt:
             status = Status.DEGRADED
         if conflict < CALM * limits.max_conflict:
             self._calm_time = timestamp
-        if self.has_just_begun(timestamp) or (self.lasts(timestamp) and not self.moved(timestamp)):
+        unsure = status is not Status.TRACKED or self.lasts(timestamp)
+        unsure = (unsure or self.is_way_loose(timestamp)) and not self.moved(timestamp)
+        if unsure or self.has_just_begun(timestamp):
             self.movers.mind_doubt(timestamp)
         else:
             self.movers.note(timestamp, T_world_cam, surface)
@@ -376,5 +379,6 @@ class Doubt:
         timestamp = seen.frame.timestamp
         T = seen.T_world_depth(self._course.key.T_world_key @ alignment.T_ref_cur)
         self._witness.forget(timestamp)  # what it was told of this frame by another pose
+        self.movers.forget(timestamp)
         surface = self._witness.surface(seen.frame.depth)
         return self._witness.question(timestamp, T, surface), T, surface

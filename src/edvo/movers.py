@@ -6,7 +6,6 @@ frame is off by a part of his step. In half a second more of him has come to whe
 """
 
 import math
-from collections import deque
 from dataclasses import replace
 
 import numpy as np
@@ -15,13 +14,17 @@ from numpy.typing import NDArray
 from edvo import kernels
 from edvo.course import Course
 from edvo.kit import Kit
+from edvo.planes import chosen
 from edvo.seen import Seen
 from edvo.witness import POINTS_EVERY, Surface, Witness, step_px
 
-BESIDE, LEAST = 1.5, 4  # of the step from one point to the next; so many of them are no noise
+# Points count that have so many beside them, themselves included, no farther than 1.5 times the
+# step from one to the next: a strip that is one point wide is noise.
+LEAST, BESIDE = 4, 1.5
+MOST = 200  # points: where more have come, much moves, and what stands still is told otherwise
 KEPT_S = 0.75  # for so long it is left out
-LEFT = 0.4  # of the samples are left, at least
-THIN = 0.2  # of the reach: of points so near to each other one will do
+LEFT = 0.4  # of the samples, and of the points, are left at least
+CUBE = 0.3  # of the reach, to a side: one point of those in each is kept
 
 
 class Movers:
@@ -38,12 +41,13 @@ class Movers:
 
     def __init__(self, kit: Kit, course: Course, witness: Witness) -> None:
         self._camera, self._course, self._witness = kit.camera, course, witness
+        self._depth_alone, self._clock = kit.depth_alone, kit.clock
         status = kit.config.status
         self._reach_m = status.moving_m if status.moving == "leave-out" else 0.0
         self._beside = BESIDE * POINTS_EVERY * step_px(kit.camera.width) / kit.camera.fx
-        self._least = kit.config.registration.min_matches
-        self._sure_since = -math.inf
-        self._moved: deque[tuple[float, NDArray[np.float64]]] = deque()
+        self._doubted = -math.inf
+        # by the cube: when something was last seen there that had come, and where in it
+        self._moved: dict[tuple[int, ...], tuple[float, NDArray[np.float64]]] = {}
 
     def forget(self, since: float = -math.inf) -> None:
         """Forget what moved since then: the poses were wrong.
@@ -53,8 +57,8 @@ class Movers:
         since : float, optional
             Seconds; all where not given.
         """
-        while self._moved and self._moved[-1][0] >= since:
-            self._moved.pop()
+        self._moved = {cube: seen for cube, seen in self._moved.items() if seen[0] < since}
+        self._doubted = min(self._doubted, since)
 
     def mind_doubt(self, timestamp: float) -> None:
         """Let nothing that was seen till now tell what moves: its pose may be wrong.
@@ -64,10 +68,10 @@ class Movers:
         timestamp : float
             Seconds.
         """
-        self._sure_since = timestamp
+        self._doubted = timestamp
 
     def note(self, timestamp: float, T_world_cam: NDArray[np.float64], surface: Surface) -> None:
-        """Note what stands where nothing was; told before the witness is to remember it.
+        """Note what stands where nothing was.
 
         Parameters
         ----------
@@ -80,16 +84,18 @@ class Movers:
         """
         if not self._reach_m:
             return
-        risen = self._witness.risen(timestamp, T_world_cam, surface, self._sure_since)
-        if len(risen) < LEAST:
-            return
-        away = np.linalg.norm(risen - T_world_cam[:3, 3], axis=1)
-        apart = np.linalg.norm(risen[:, None] - risen, axis=2)
-        risen = risen[np.count_nonzero(apart < self._beside * away, axis=0) >= LEAST]
-        if len(risen):
-            self._moved.append((timestamp, risen))
+        with self._clock("witness"):
+            risen = self._witness.risen(timestamp, T_world_cam, surface, self._doubted)
+            if not LEAST <= len(risen) <= MOST:
+                return
+            away = np.linalg.norm(risen - T_world_cam[:3, 3], axis=1)
+            between = np.linalg.norm(risen[:, None] - risen, axis=2)
+            beside = np.count_nonzero(between < self._beside * away[:, None], axis=1)
+            for point in risen[beside >= LEAST]:
+                cube = np.floor(point / (CUBE * self._reach_m)).astype(int)
+                self._moved[tuple(cube.tolist())] = timestamp, point
 
-    def apart(self, seen: Seen, most: float = 1.0) -> Seen | None:
+    def apart(self, seen: Seen, most: float = 1 - LEFT) -> Seen | None:
         """Take from a frame what is near to where something moved of late.
 
         Parameters
@@ -101,31 +107,35 @@ class Movers:
         Returns
         -------
         Seen or None
-            None where there is nothing of that, or too little else.
+            None where there is nothing of that, too little else, or where the frame was taken is
+            not foreseen.
         """
         timestamp, samples, points = seen.frame.timestamp, seen.samples, seen.points
-        while self._moved and not 0 <= timestamp - self._moved[0][0] <= KEPT_S:
-            self._moved.popleft()
-        if not self._moved:
+        if not self._moved or not self._course.follows(timestamp):
             return None
-        moved = _thinned(np.concatenate([risen for _, risen in self._moved]), THIN * self._reach_m)
-        T = self._course.T_world_last @ self._course.ahead(timestamp)
-        rest, good = np.empty(len(samples), np.bool_), np.empty(len(points.X), np.bool_)
-        kernels.find_far(samples.points(self._camera), T, moved, self._reach_m, rest)
-        count = np.count_nonzero(rest)
-        if count == len(rest) or count < max(LEFT * len(rest), self._least):
-            return None
-        kernels.find_far(points.X, T, moved, self._reach_m, good)
-        if np.count_nonzero(~good) > most * len(good):
-            return None
-        points = points._replace(
-            X=points.X[good], normals=points.normals[good], sigma=points.sigma[good]
-        )
-        return replace(
-            seen, samples=samples.where(np.flatnonzero(rest)), points=points, is_rid=True
-        )
+        with self._clock("witness"):
+            self._moved = {
+                cube: seen
+                for cube, seen in self._moved.items()
+                if 0 <= timestamp - seen[0] <= KEPT_S
+            }
+            moved = np.array([point for _, point in self._moved.values()]).reshape(-1, 3)
+            T_world_cam = self._course.expected(timestamp)
+            far_samples = self._far(samples.points(self._camera), T_world_cam, moved)
+            rest = samples.where(np.flatnonzero(far_samples))
+            if len(rest) == len(samples) or len(rest) < LEFT * len(samples):
+                return None
+            far_points = self._far(points.X, T_world_cam, moved)
+            if np.count_nonzero(~far_points) > most * len(far_points):
+                return None
+            if self._depth_alone.has_to_tell(rest):
+                return None
+            return replace(seen, samples=rest, points=chosen(points, far_points), is_rid=True)
 
-
-def _thinned(X: NDArray[np.float64], side: float) -> NDArray[np.float64]:
-    """Leave one point of those in each cube."""
-    return X[np.unique(np.floor(X / side), axis=0, return_index=True)[1]]
+    def _far(
+        self, X: NDArray[np.float64], T: NDArray[np.float64], moved: NDArray[np.float64]
+    ) -> NDArray[np.bool_]:
+        """Say which points are near to nothing that moved."""
+        is_far = np.empty(len(X), np.bool_)
+        kernels.find_far(X, T, moved, self._reach_m, is_far)
+        return is_far

@@ -108,6 +108,7 @@ class Placer:
         earlier: EarlierKeyframes,
         upkeep: Upkeep,
     ) -> None:
+        self._movers = doubt.movers
         self._doubt, self._locator, self._standing = doubt, locator, standing
         self._parting, self._earlier, self._upkeep = parting, earlier, upkeep
         self._unshared = Unshared(kit, course, locator)
@@ -181,7 +182,7 @@ class Placer:
         if seen.is_parted:
             return None
         is_moving = self._standing.is_moving(seen.frame.timestamp)
-        rid = self._doubt.movers.apart(seen, LITTLE if is_moving else 1.0)
+        rid = self._movers.apart(seen, LITTLE) if is_moving else self._movers.apart(seen)
         if rid is None:
             return None
         placed = Placed(rid, *self._locator.locate(rid))

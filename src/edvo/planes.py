@@ -206,6 +206,23 @@ def thinned(points: PlanePoints, step_px: float) -> PlanePoints:
     return PlanePoints(X, normals, sigma, float(step_px))  # an int would compile kernels anew
 
 
+def chosen(points: PlanePoints, which: NDArray[np.bool_] | NDArray[np.intp]) -> PlanePoints:
+    """Leave some of points.
+
+    Parameters
+    ----------
+    points : PlanePoints
+        N of them.
+    which : ndarray of bool, shape (N,), or of intp, shape (M,)
+
+    Returns
+    -------
+    PlanePoints
+    """
+    X, normals, sigma = (part[which] for part in points[:3])
+    return points._replace(X=X, normals=normals, sigma=sigma)
+
+
 def move_points(points: PlanePoints, T: NDArray[np.float64]) -> PlanePoints:
     """Move points, and the planes they lie on.
 

@@ -24,8 +24,8 @@ USUAL_WIDTH = 640  # in wider ones they are as many
 WINDOW = 7  # depths to a side: what lies so near a contour may be shifted, with colour out of step
 SLACK_M, SLACK_SIGMA = 0.02, 6.0  # by which a point must be in front: for the pose, and for noise
 MIN_POINTS = 50  # fewer say nothing
-AGE_S, MAX_AGE_S = 0.15, 1.0  # of the depth image that is asked: what moves slowly needs time,
-RISEN_S = 0.5  # and to tell which part of the view it is, more
+AGE_S, MAX_AGE_S = 0.15, 1.0  # of the depth image that is asked: what moves slowly needs time
+RISEN_S = 0.5  # of the one that is asked which part of the view moves: that takes longer
 LEAST_TIME = 0.5  # of that age: what is seen of motion in less is mostly noise
 
 
@@ -79,6 +79,7 @@ class Witness:
         self._rows, self._cols = u.shape
         self._ring = NOWHERE if keeps_strays else ring(self._cols)
         self._seen: deque[tuple[float, NDArray[np.float64], Surface]] = deque()
+        self._asked = -np.inf  # when that was seen which was asked last
 
     def forget(self, since: float = -np.inf) -> None:
         """Forget what was seen since then.
@@ -168,9 +169,14 @@ class Witness:
             self._seen.popleft()
         while len(self._seen) > 1 and timestamp - self._seen[1][0] >= RISEN_S:
             self._seen.popleft()
-        if not self._seen:
+        if timestamp < self._asked:  # the clock has jumped back
+            self._asked = -np.inf
+        young = [seen for seen in self._seen if seen[0] >= self._asked]  # none again from before
+        if not young:
             return 0.0
-        time, T_world_then, then = self._aged(timestamp, AGE_S) or self._seen[0]
+        aged = self._aged(timestamp, AGE_S)
+        time, T_world_then, then = aged if aged and aged[0] >= self._asked else young[0]
+        self._asked = time
         conflict = self.conflict(then, surface, se3.inverse(T_world_then) @ T_world_cam)
         return conflict / min(max((timestamp - time) / AGE_S, LEAST_TIME), 1.0)
 
