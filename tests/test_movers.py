@@ -1,5 +1,7 @@
 """What moves in a small part of the view is left out, before it is much."""
 
+from contextlib import nullcontext
+from dataclasses import replace
 from types import SimpleNamespace
 
 import cv2
@@ -10,8 +12,9 @@ from edvo import se3
 from edvo.config import Config
 from edvo.edges import EdgePixels
 from edvo.frame import Frame
-from edvo.movers import KEPT_S, LEAST, Movers
+from edvo.movers import KEPT_S, LEAST, MOST, Movers
 from edvo.odometry import Odometry, Status
+from edvo.placing import LITTLE
 from edvo.planes import PlanePoints
 from edvo.seen import Seen
 from edvo.witness import RISEN_S, Witness
@@ -136,11 +139,17 @@ def seen(X, time=0.0):
     return Seen(frame, None, EdgePixels(pixels, up, X[:, 2].astype("f4")), points)
 
 
-def movers(*overrides, T_world_last=STILL, velocity=STILL, risen=()):
+def movers(*overrides, T_world_last=STILL, velocity=STILL, risen=(), follows=True, camera=CAMERA):
     """One that is told by a witness what has moved."""
-    config = Config().with_overrides(["registration.min_matches=30", *overrides])
-    kit = SimpleNamespace(camera=CAMERA, config=config)
-    course = SimpleNamespace(T_world_last=T_world_last, ahead=lambda _: velocity)
+    config = Config().with_overrides(overrides)
+    kit = SimpleNamespace(
+        camera=camera,
+        config=config,
+        clock=lambda _: nullcontext(),
+        depth_alone=SimpleNamespace(has_to_tell=lambda samples: len(samples) < 30),
+    )
+    expected = T_world_last @ velocity
+    course = SimpleNamespace(follows=lambda _: follows, expected=lambda _: expected)
     witness = SimpleNamespace(risen=lambda *_: np.asarray(risen, float))
     return Movers(kit, course, witness)
 
@@ -222,7 +231,7 @@ def test_what_is_most_of_a_frame_is_not_left_out(share, is_left):
 
 
 @pytest.mark.parametrize(("count", "is_left"), [(29, False), (30, True)])
-def test_as_many_samples_are_left_as_a_registration_needs(count, is_left):
+def test_as_many_samples_are_left_as_edges_need_to_tell(count, is_left):
     of = movers(risen=SPOT)
     of.note(1.0, STILL, None)
     X = np.vstack([SPOT, np.tile([[-0.5, -0.5, 3.0]], (count, 1))])
@@ -241,6 +250,154 @@ def test_it_can_be_switched_off_and_the_paper_does(off):
     of = movers(f"status.{off}", risen=SPOT)
     of.note(1.0, STILL, None)
     assert of.apart(seen(WALL, 1.0)) is None
+
+
+@pytest.mark.parametrize(("share", "is_left"), [(0.15, True), (0.25, False)])
+def test_no_more_of_the_depth_is_left_out_than_may_be(share, is_left):
+    count = round(100 * share)
+    X = np.vstack([np.tile(SPOT[:1], (count, 1)), np.tile([[-0.5, -0.5, 3.0]], (100 - count, 1))])
+    of = movers(risen=SPOT)
+    of.note(1.0, STILL, None)
+    assert (of.apart(seen(X, 1.0), 0.2) is not None) == is_left
+
+
+def test_where_a_frame_is_not_foreseen_none_is_left_out():
+    of = movers(risen=SPOT, follows=False)
+    of.note(1.0, STILL, None)
+    assert of.apart(seen(WALL, 1.0)) is None
+
+
+def test_what_is_far_from_another_cluster_counts_by_its_own_distance():
+    """Four points beside each other, and as many that lie as far apart, but farther away."""
+    near, far = spread(60) / 3, spread(180)
+    of = movers(risen=np.vstack([near, far]))
+    of.note(1.0, STILL, None)
+    kept = np.array([point for point, _ in of._moved.values()])
+    assert len(kept)
+    assert kept[:, 2].max() < 2
+
+
+@pytest.mark.parametrize(("back", "is_noise"), [(0, True), (3, False)])
+def test_points_are_beside_each_other_as_seen_from_the_camera(back, is_noise):
+    of = movers(risen=spread(180))
+    of.note(1.0, se3.exp(np.array([0, 0, -back, 0, 0, 0])), None)
+    assert (of.apart(seen(WALL, 1.0)) is None) == is_noise
+
+
+def test_in_a_wide_image_points_lie_farther_apart():
+    camera = CAMERA.scaled(2)  # a step of twice the pixels: as far in the scene
+    for times, is_noise in ((90, False), (180, True)):
+        of = movers(risen=spread(times), camera=camera)
+        of.note(1.0, STILL, None)
+        assert (len(of._moved) == 0) == is_noise
+
+
+def test_much_that_has_come_is_no_little():
+    for count, is_little in ((MOST, True), (MOST + 1, False)):
+        of = movers(risen=np.tile(SPOT[:1], (count, 1)))
+        of.note(1.0, STILL, None)
+        assert (len(of._moved) > 0) == is_little
+
+
+def test_of_points_that_lie_together_one_is_kept():
+    of = movers(risen=np.tile(SPOT, (40, 1)))
+    for time in (1.0, 1.1, 1.2):
+        of.note(time, STILL, None)
+    assert len(of._moved) <= 4
+
+
+# ------------------------------------------------------------------------ what doubt does to it
+
+
+@pytest.fixture
+def doubting(passing):
+    """A tracker, some time after the first second, with what it asks `Movers`."""
+    odometry = Odometry(CAMERA, Config())
+    frames = iter(passing[0])
+    results = [odometry.track(next(frames)) for _ in range(40)]
+    said = []
+    of = odometry._doubt.movers
+    of.note = lambda timestamp, *_: said.append("note")
+    of.mind_doubt = lambda timestamp: said.append("doubt")
+    return odometry, next(frames), results[-1].alignment, said
+
+
+def asked(doubting, status):
+    odometry, frame, alignment, said = doubting
+    seen = odometry._front_end.see(frame, 40, None, odometry._detail(frame.timestamp))
+    odometry._doubt._calm_time = -np.inf
+    odometry._doubt.question(seen, alignment, status, "")
+    return said
+
+
+def test_a_sure_pose_tells_and_a_degraded_one_does_not(doubting):
+    assert asked(doubting, Status.TRACKED) == ["note"]
+    assert asked(doubting, Status.DEGRADED) == ["note", "doubt"]
+
+
+@pytest.mark.parametrize("cast", ["cast", "cast_on_way"])
+def test_nor_does_one_in_doubt(doubting, cast):
+    odometry, frame = doubting[:2]
+    getattr(odometry._doubt, cast)(frame.timestamp - 0.5, "for a test")
+    assert asked(doubting, Status.TRACKED) == ["doubt"]
+
+
+def test_where_something_moves_it_is_told_all_the_same(doubting):
+    odometry, frame = doubting[:2]
+    odometry._doubt.moving_time = frame.timestamp - 0.5
+    odometry._doubt.cast(frame.timestamp - 0.5, "something moves")
+    assert asked(doubting, Status.DEGRADED) == ["note"]
+
+
+def test_doubt_forgets_what_moved_with_what_was_seen(doubting):
+    odometry, frame, alignment, _ = doubting
+    of, time = odometry._doubt.movers, frame.timestamp
+
+    def noted():
+        of._moved = {(i,): (SPOT[0], [time - age]) for i, age in enumerate((0.0, 0.1, 0.2))}
+
+    for forget, left in (
+        (odometry._doubt.forget, 0),
+        (odometry._doubt.rewind, 0),
+        (lambda: odometry._doubt.forget_since(time - 0.15), 1),
+        (lambda: odometry._doubt.finds_motion(odometry._front_end.see(
+            frame, 40, None, odometry._detail(time)), alignment), 2),
+    ):  # fmt: skip
+        noted()
+        forget()
+        assert len(of._moved) == left
+
+
+def test_a_clock_that_jumps_back_ends_doubt_about_the_future():
+    of = movers()
+    of.mind_doubt(20.5)
+    of.forget(10.0)
+    assert of._doubted <= 10.0
+
+
+def test_what_is_lost_without_those_edges_is_registered_whole(doubting, monkeypatch):
+    odometry, frame = doubting[:2]
+    placer = odometry._placer
+    seen = odometry._front_end.see(frame, 40, None, odometry._detail(frame.timestamp))
+    rid = replace(seen, samples=seen.samples.every(4), is_rid=True)
+    monkeypatch.setattr(placer._movers, "apart", lambda *_: rid)
+    assert placer.place(seen, 40).seen is rid
+    few = replace(rid, samples=seen.samples.every(400))
+    monkeypatch.setattr(placer._movers, "apart", lambda *_: few)
+    assert len(placer.place(seen, 40).seen.samples) == len(seen.samples)
+    parted = replace(seen, is_parted=True)
+    assert placer.place(parted, 40).seen.is_rid is False
+
+
+def test_where_much_is_said_to_move_little_may_be_left_out(doubting, monkeypatch):
+    odometry, frame = doubting[:2]
+    seen = odometry._front_end.see(frame, 40, None, odometry._detail(frame.timestamp))
+    given = []
+    monkeypatch.setattr(odometry._placer._movers, "apart", lambda _, *most: given.append(most))
+    odometry._placer.place(seen, 40)
+    odometry._doubt.moving_time = frame.timestamp
+    odometry._placer.place(seen, 40)
+    assert given == [(), (LITTLE,)]
 
 
 # --------------------------------------------------------------------------------- a whole clip
@@ -270,18 +427,12 @@ def on_box(frame, result, i):
     return np.mean((np.abs(u - middle) < 66) & (np.abs(frame.depth[v, u] - 2) < 0.15))
 
 
-def test_what_a_doubtful_pose_shows_does_not_tell_what_moves(passing):
-    """Nor what the first second does, nor a frame that is degraded."""
+def test_the_first_second_does_not_tell_what_moves(passing):
     frames, _ = passing
     odometry = Odometry(CAMERA, Config())
     asked = []
-    doubt = odometry._doubt
-    doubt.movers.note = lambda timestamp, *_: asked.append(timestamp)
-    for i, frame in enumerate(frames):
-        if i == 50:
-            doubt.cast(frame.timestamp, "for a test")
+    odometry._doubt.movers.note = lambda timestamp, *_: asked.append(timestamp)
+    for frame in frames[:40]:
         odometry.track(frame)
     assert asked
     assert min(asked) > 1.0
-    assert not any(0 <= time - 50 * PERIOD < 1 for time in asked)
-    assert doubt.movers._sure_since >= 50 * PERIOD

@@ -6,6 +6,7 @@ frame is off by a part of his step. In half a second more of him has come to whe
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -46,8 +47,8 @@ class Movers:
         self._reach_m = status.moving_m if status.moving == "leave-out" else 0.0
         self._beside = BESIDE * POINTS_EVERY * step_px(kit.camera.width) / kit.camera.fx
         self._doubted = -math.inf
-        # by the cube: when something was last seen there that had come, and where in it
-        self._moved: dict[tuple[int, ...], tuple[float, NDArray[np.float64]]] = {}
+        # by the cube: where in it something was first seen that had come there, and when at all
+        self._moved: dict[tuple[int, ...], tuple[NDArray[np.float64], list[float]]] = {}
 
     def forget(self, since: float = -math.inf) -> None:
         """Forget what moved since then: the poses were wrong.
@@ -57,7 +58,7 @@ class Movers:
         since : float, optional
             Seconds; all where not given.
         """
-        self._moved = {cube: seen for cube, seen in self._moved.items() if seen[0] < since}
+        self._keep(lambda time: time < since)
         self._doubted = min(self._doubted, since)
 
     def mind_doubt(self, timestamp: float) -> None:
@@ -93,7 +94,7 @@ class Movers:
             beside = np.count_nonzero(between < self._beside * away[:, None], axis=1)
             for point in risen[beside >= LEAST]:
                 cube = np.floor(point / (CUBE * self._reach_m)).astype(int)
-                self._moved[tuple(cube.tolist())] = timestamp, point
+                self._moved.setdefault(tuple(cube.tolist()), (point, []))[1].append(timestamp)
 
     def apart(self, seen: Seen, most: float = 1 - LEFT) -> Seen | None:
         """Take from a frame what is near to where something moved of late.
@@ -114,12 +115,8 @@ class Movers:
         if not self._moved or not self._course.follows(timestamp):
             return None
         with self._clock("witness"):
-            self._moved = {
-                cube: seen
-                for cube, seen in self._moved.items()
-                if 0 <= timestamp - seen[0] <= KEPT_S
-            }
-            moved = np.array([point for _, point in self._moved.values()]).reshape(-1, 3)
+            self._keep(lambda time: 0 <= timestamp - time <= KEPT_S)
+            moved = np.array([point for point, _ in self._moved.values()]).reshape(-1, 3)
             T_world_cam = self._course.expected(timestamp)
             far_samples = self._far(samples.points(self._camera), T_world_cam, moved)
             rest = samples.where(np.flatnonzero(far_samples))
@@ -131,6 +128,14 @@ class Movers:
             if self._depth_alone.has_to_tell(rest):
                 return None
             return replace(seen, samples=rest, points=chosen(points, far_points), is_rid=True)
+
+    def _keep(self, holds: Callable[[float], bool]) -> None:
+        """Keep what was seen at times for which that holds."""
+        kept = {
+            cube: (point, [time for time in times if holds(time)])
+            for cube, (point, times) in self._moved.items()
+        }
+        self._moved = {cube: seen for cube, seen in kept.items() if seen[1]}
 
     def _far(
         self, X: NDArray[np.float64], T: NDArray[np.float64], moved: NDArray[np.float64]
