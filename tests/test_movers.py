@@ -335,11 +335,18 @@ def test_a_sure_pose_tells_and_a_degraded_one_does_not(doubting):
     assert asked(doubting, Status.DEGRADED) == ["note", "doubt"]
 
 
-@pytest.mark.parametrize("cast", ["cast", "cast_on_way"])
-def test_nor_does_one_in_doubt(doubting, cast):
+def test_nor_does_one_in_doubt(doubting):
     odometry, frame = doubting[:2]
-    getattr(odometry._doubt, cast)(frame.timestamp - 0.5, "for a test")
+    odometry._doubt.cast(frame.timestamp - 0.5, "for a test")
     assert asked(doubting, Status.TRACKED) == ["doubt"]
+
+
+def test_across_a_way_in_doubt_nothing_is_told(doubting):
+    """But after it."""
+    odometry, frame, _, said = doubting
+    odometry._doubt.cast_on_way(frame.timestamp - 0.3)
+    assert said.pop() == "doubt"
+    assert asked(doubting, Status.TRACKED) == ["note"]
 
 
 def test_where_something_moves_it_is_told_all_the_same(doubting):

@@ -125,6 +125,7 @@ class Doubt:
             Why, for the result.
         """
         self._loose_time, self.way_reason = timestamp, reason
+        self.movers.mind_doubt(timestamp)  # from before to after nobody knows the way
 
     def mind_mending(self, timestamp: float, off: float) -> None:
         """Doubt the way to where it is now, if the poses before that were wrong.
@@ -301,7 +302,7 @@ class Doubt:
         if conflict < CALM * limits.max_conflict:
             self._calm_time = timestamp
         unsure = status is not Status.TRACKED or self.lasts(timestamp)
-        unsure = (unsure or self.is_way_loose(timestamp)) and not self.moved(timestamp)
+        unsure = unsure and not self.moved(timestamp)
         if unsure or self.has_just_begun(timestamp):
             self.movers.mind_doubt(timestamp)
         else:
