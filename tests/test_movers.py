@@ -204,6 +204,13 @@ def test_it_is_left_out_for_a_while(time, is_kept):
     assert (of.apart(seen(WALL, time)) is not None) == is_kept
 
 
+def test_what_is_old_is_dropped_even_if_no_frame_asks():
+    of = movers(risen=SPOT)
+    for time in np.arange(1.0, 20.0, 0.1):
+        of.note(time, STILL, None)
+    assert max(len(times) for _, times in of._moved.values()) <= KEPT_S / 0.1 + 2
+
+
 def test_a_clock_that_jumps_back_ends_it():
     of = movers(risen=SPOT)
     of.note(1.0, STILL, None)
@@ -361,7 +368,7 @@ def test_doubt_forgets_what_moved_with_what_was_seen(doubting):
     of, time = odometry._doubt.movers, frame.timestamp
 
     def noted():
-        of._moved = {(i,): (SPOT[0], [time - age]) for i, age in enumerate((0.0, 0.1, 0.2))}
+        of._moved = {(i,): (SPOT[0], {time - age}) for i, age in enumerate((0.0, 0.1, 0.2))}
 
     for forget, left in (
         (odometry._doubt.forget, 0),
@@ -386,14 +393,14 @@ def test_what_is_lost_without_those_edges_is_registered_whole(doubting, monkeypa
     odometry, frame = doubting[:2]
     placer = odometry._placer
     seen = odometry._front_end.see(frame, 40, None, odometry._detail(frame.timestamp))
-    rid = replace(seen, samples=seen.samples.every(4), is_rid=True)
-    monkeypatch.setattr(placer._movers, "apart", lambda *_: rid)
-    assert placer.place(seen, 40).seen is rid
-    few = replace(rid, samples=seen.samples.every(400))
+    rest = replace(seen, samples=seen.samples.every(4), without_movers=True)
+    monkeypatch.setattr(placer._movers, "apart", lambda *_: rest)
+    assert placer.place(seen, 40).seen is rest
+    few = replace(rest, samples=seen.samples.every(400))
     monkeypatch.setattr(placer._movers, "apart", lambda *_: few)
     assert len(placer.place(seen, 40).seen.samples) == len(seen.samples)
     parted = replace(seen, is_parted=True)
-    assert placer.place(parted, 40).seen.is_rid is False
+    assert placer.place(parted, 40).seen.without_movers is False
 
 
 def test_where_much_is_said_to_move_little_may_be_left_out(doubting, monkeypatch):

@@ -658,9 +658,9 @@ class StatusConfig(Section):
     )
     moving_m: Annotated[float, Field(ge=0, le=5)] = Field(
         default=0.35,
-        description="what comes so near to where half a second ago nothing was, and now something "
-        "is, is left out for a while, though too little moves for max_conflict to notice; 0 keeps "
-        "it. With max_conflict and moving. Not in the paper",
+        description="edges and depth within so many metres of what has come, within half a second, "
+        "to where nothing was are left out for a while, though too little moves for max_conflict "
+        "to notice; 0 keeps them. With max_conflict and moving. Not in the paper",
     )
     sudden_change: Literal["doubt", "ignore"] = Field(
         default="doubt",

@@ -22,7 +22,7 @@ from edvo.witness import POINTS_EVERY, Surface, Witness, step_px
 # Points count that have so many beside them, themselves included, no farther than 1.5 times the
 # step from one to the next: a strip that is one point wide is noise.
 LEAST, BESIDE = 4, 1.5
-MOST = 200  # points: where more have come, much moves, and what stands still is told otherwise
+MOST = 200  # points: where more have come, much moves, and that is told otherwise
 KEPT_S = 0.75  # for so long it is left out
 LEFT = 0.4  # of the samples, and of the points, are left at least
 CUBE = 0.3  # of the reach, to a side: one point of those in each is kept
@@ -48,7 +48,7 @@ class Movers:
         self._beside = BESIDE * POINTS_EVERY * step_px(kit.camera.width) / kit.camera.fx
         self._doubted = -math.inf
         # by the cube: where in it something was first seen that had come there, and when at all
-        self._moved: dict[tuple[int, ...], tuple[NDArray[np.float64], list[float]]] = {}
+        self._moved: dict[tuple[int, ...], tuple[NDArray[np.float64], set[float]]] = {}
 
     def forget(self, since: float = -math.inf) -> None:
         """Forget what moved since then: the poses were wrong.
@@ -59,7 +59,7 @@ class Movers:
             Seconds; all where not given.
         """
         self._keep(lambda time: time < since)
-        self._doubted = min(self._doubted, since)
+        self._doubted = min(self._doubted, since)  # a clock that jumps back: no later than now
 
     def mind_doubt(self, timestamp: float) -> None:
         """Let nothing that was seen till now tell what moves: its pose may be wrong.
@@ -92,9 +92,10 @@ class Movers:
             away = np.linalg.norm(risen - T_world_cam[:3, 3], axis=1)
             between = np.linalg.norm(risen[:, None] - risen, axis=2)
             beside = np.count_nonzero(between < self._beside * away[:, None], axis=1)
+            self._forget_old(timestamp)
             for point in risen[beside >= LEAST]:
                 cube = np.floor(point / (CUBE * self._reach_m)).astype(int)
-                self._moved.setdefault(tuple(cube.tolist()), (point, []))[1].append(timestamp)
+                self._moved.setdefault(tuple(cube.tolist()), (point, set()))[1].add(timestamp)
 
     def apart(self, seen: Seen, most: float = 1 - LEFT) -> Seen | None:
         """Take from a frame what is near to where something moved of late.
@@ -115,7 +116,7 @@ class Movers:
         if not self._moved or not self._course.follows(timestamp):
             return None
         with self._clock("witness"):
-            self._keep(lambda time: 0 <= timestamp - time <= KEPT_S)
+            self._forget_old(timestamp)
             moved = np.array([point for point, _ in self._moved.values()]).reshape(-1, 3)
             T_world_cam = self._course.expected(timestamp)
             far_samples = self._far(samples.points(self._camera), T_world_cam, moved)
@@ -127,12 +128,17 @@ class Movers:
                 return None
             if self._depth_alone.has_to_tell(rest):
                 return None
-            return replace(seen, samples=rest, points=chosen(points, far_points), is_rid=True)
+            return replace(
+                seen, samples=rest, points=chosen(points, far_points), without_movers=True
+            )
+
+    def _forget_old(self, timestamp: float) -> None:
+        self._keep(lambda time: 0 <= timestamp - time <= KEPT_S)
 
     def _keep(self, holds: Callable[[float], bool]) -> None:
         """Keep what was seen at times for which that holds."""
         kept = {
-            cube: (point, [time for time in times if holds(time)])
+            cube: (point, {time for time in times if holds(time)})
             for cube, (point, times) in self._moved.items()
         }
         self._moved = {cube: seen for cube, seen in kept.items() if seen[1]}

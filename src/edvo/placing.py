@@ -132,7 +132,7 @@ class Placer:
             To be confirmed where it is not lost.
         """
         seen = self._parting.apart(seen) or seen
-        placed = self._rid(seen) or Placed(seen, *self._standing.register(seen))
+        placed = self._without_movers(seen) or Placed(seen, *self._standing.register(seen))
         back = self._come_back(placed) if placed.still is None else None
         if back is not None:
             return back
@@ -177,15 +177,15 @@ class Placer:
             self._doubt.mind_change(confirmed.alignment, timestamp)
         return confirmed
 
-    def _rid(self, seen: Seen) -> Placed | None:
+    def _without_movers(self, seen: Seen) -> Placed | None:
         """Place a frame by what is left of it where it is known what moves, if that fits."""
         if seen.is_parted:
             return None
         is_moving = self._standing.is_moving(seen.frame.timestamp)
-        rid = self._movers.apart(seen, LITTLE) if is_moving else self._movers.apart(seen)
-        if rid is None:
+        rest = self._movers.apart(seen, LITTLE) if is_moving else self._movers.apart(seen)
+        if rest is None:
             return None
-        placed = Placed(rid, *self._locator.locate(rid))
+        placed = Placed(rest, *self._locator.locate(rest))
         return None if placed.is_lost else placed
 
     def _come_back(self, placed: Placed) -> Placed | None:

@@ -34,7 +34,7 @@ class Seen:
         Whether its depth is that of a frame before, moved by what the camera was expected to.
     is_parted : bool
         Whether samples were taken from it that the camera carries with it.
-    is_rid : bool
+    without_movers : bool
         Whether what is near to where something moved was taken from it.
     """
 
@@ -47,7 +47,7 @@ class Seen:
     is_near: bool = False
     is_stale: bool = False
     is_parted: bool = False
-    is_rid: bool = False
+    without_movers: bool = False
 
     def kept(self) -> "Seen":
         """Give the same with images that nobody writes to, as the next frame may to those it has.

@@ -120,8 +120,8 @@ class Standing:
             return alignment, status, reason, still
         status, reason = self._doubt.question(seen, alignment, status, reason)
         doubted = status is Status.LOST or not self._judge.is_out_of_step(alignment)
-        asked = still is None and not seen.is_rid
-        if asked and doubted and self._is_noticed(seen.frame.timestamp):
+        is_whole = still is None and not seen.without_movers
+        if is_whole and doubted and self._is_noticed(seen.frame.timestamp):
             still = self._go_back(seen)
             if still is not None:
                 alignment = still.alignment
