@@ -11,7 +11,7 @@ from edvo.config import Config
 from edvo.hunting import STRIDE
 from edvo.odometry import Odometry, Status
 from edvo.planes import NO_POINTS
-from edvo.status import SURE
+from edvo.scatter import SURE
 
 from . import problems, rooms
 

@@ -363,6 +363,43 @@ def test_where_something_moves_it_is_told_all_the_same(doubting):
     assert asked(doubting, Status.DEGRADED) == ["note"]
 
 
+@pytest.mark.parametrize(
+    ("without", "conflict", "apart", "said"),
+    [
+        (True, 0.1, 0.0049, Status.TRACKED),
+        (True, 0.1, 0.0051, Status.DEGRADED),
+        (True, 0.1, np.inf, Status.DEGRADED),
+        (False, 0.1, 0.0, Status.DEGRADED),  # it was registered with all that moves
+        (True, 0.31, 0.0, Status.LOST),
+    ],
+)
+def test_where_the_rest_stands_still_what_moves_raises_no_doubt(
+    doubting, monkeypatch, without, conflict, apart, said
+):
+    odometry, frame, alignment, _ = doubting
+    doubt, witness = odometry._doubt, odometry._doubt._witness
+    seen = odometry._front_end.see(frame, 40, None, odometry._detail(frame.timestamp))
+    monkeypatch.setattr(witness, "question", lambda *_: conflict)
+    monkeypatch.setattr(witness, "question_apart", lambda *_: apart)
+    doubt._calm_time = -np.inf
+    status, reason = doubt.question(
+        replace(seen, without_movers=without), alignment, Status.TRACKED, ""
+    )
+    assert status is said
+    assert (reason == "") == (said is Status.TRACKED)
+    assert doubt.lasts(frame.timestamp) == (said is not Status.TRACKED)
+    assert doubt.moved(frame.timestamp)
+
+
+def test_it_makes_no_pose_better_than_it_is(doubting, monkeypatch):
+    odometry, frame, alignment, _ = doubting
+    seen = odometry._front_end.see(frame, 40, None, odometry._detail(frame.timestamp))
+    monkeypatch.setattr(odometry._doubt._witness, "question", lambda *_: 0.1)
+    monkeypatch.setattr(odometry._doubt._witness, "question_apart", lambda *_: 0.0)
+    given = replace(seen, without_movers=True), alignment, Status.DEGRADED, "for a test"
+    assert odometry._doubt.question(*given) == (Status.DEGRADED, "for a test")
+
+
 def test_doubt_forgets_what_moved_with_what_was_seen(doubting):
     odometry, frame, alignment, _ = doubting
     of, time = odometry._doubt.movers, frame.timestamp
@@ -432,6 +469,18 @@ def test_what_moves_slowly_is_left_out_once_it_is_noticed(passing, seed):
     assert max(left[0.35]) < 0.1
     assert max(left[0.35][12:]) < 0.01
     assert off[0.35][NOTICED:].max() < off[0][NOTICED:].max() / 4
+
+
+@pytest.mark.parametrize("reach", [0, 0.35])
+def test_once_it_is_left_out_frames_are_sure_though_something_moves(passing, reach):
+    odometry = Odometry(CAMERA, Config().with_overrides([f"status.moving_m={reach}"]))
+    ask, states = odometry._doubt._witness.question, []
+    for frame in passing[0]:
+        if frame.timestamp > (NOTICED + 6) * PERIOD:  # as if it had just grown, or gone faster
+            odometry._doubt._witness.question = lambda *given: 0.03 + ask(*given)
+        states.append(odometry.track(frame).status)
+    after = states[NOTICED + 7 :]
+    assert set(after) == {Status.TRACKED if reach else Status.DEGRADED}
 
 
 def on_box(frame, result, i):

@@ -184,16 +184,23 @@ def test_it_may_be_ignored(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("px", "inliers", "balance", "is_asked"),
+    ("px", "agree", "inliers", "balance", "is_asked"),
     [
-        (0.3, 940, 1.0, True),
-        (0.24, 940, 1.0, False),  # edges are sharp
-        (0.3, 955, 1.0, False),  # hardly more are left out than ever
-        (0.3, 940, 0.0, False),
+        (0.3, 0.81, 940, 1.0, True),
+        (0.24, 0.81, 940, 1.0, False),  # edges are sharp, and agree
+        (0.24, 0.79, 940, 1.0, True),
+        (0.24, 0.79, 955, 1.0, False),  # hardly more are left out than ever
+        (0.3, 0.81, 955, 1.0, False),
+        (0.3, 0.81, 940, 0.0, False),
     ],
 )
-def test_outvoted_depth_is_asked_where_edges_scatter(usual, px, inliers, balance, is_asked):
-    found = replace(usual, sigma_px=px, plane_inliers=inliers, depth_balance=balance)
+def test_outvoted_depth_is_asked_where_edges_are_unsure(
+    usual, px, agree, inliers, balance, is_asked
+):
+    agreeing = round(agree * len(usual.matches))
+    found = replace(
+        usual, sigma_px=px, agreeing=agreeing, plane_inliers=inliers, depth_balance=balance
+    )
     assert judging(usual).torn.outvotes_depth(found) == is_asked
     assert not judging(usual, "planes.outvoted=left").torn.outvotes_depth(found)
     assert not judging(usual, frames=0).torn.outvotes_depth(found)

@@ -8,7 +8,7 @@ from edvo.config import Config
 from edvo.datasets.readahead import read_ahead
 from edvo.odometry import Odometry, Status
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
-from edvo.witness import AGE_S, MAX_AGE_S, Witness, step_px
+from edvo.witness import AGE_S, MAX_AGE_S, Counts, Witness, step_px
 
 CAMERA = Camera(640, 480, 535.4, 539.2, 320.1, 247.6)
 BENT = Camera(640, 480, 517.3, 516.5, 318.6, 255.3, (0.2624, -0.9531, -0.0054, 0.0026, 1.1633))
@@ -166,3 +166,32 @@ def test_the_less_time_there_was_to_move_in_the_more_a_conflict_says() -> None:
     assert full > 0.02
     expected = [2 * full, 2 * full, full / 0.8, full, full]
     np.testing.assert_allclose(list(asked.values()), expected)
+
+
+def asked_apart(box: float, counts: Counts) -> tuple[float, float]:
+    """Of a box that has moved: what contradicts, and of the points that count alone."""
+    witness = Witness(CAMERA, "kinect_v1")
+    witness.remember(1.0, STILL, witness.surface(room(STILL, box=0.0)))
+    surface = witness.surface(room(MOVED, box=box))
+    given = 1.0 + AGE_S / 2, MOVED, surface
+    return witness.question(*given), witness.question_apart(*given, counts)
+
+
+def left_of(limit: float) -> Counts:
+    return lambda points, T: (points @ T[:3, :3].T + T[:3, 3])[:, 0] < limit
+
+
+def test_some_of_the_points_may_be_asked_alone() -> None:
+    """Those that count are told by where they are in the world."""
+    whole, apart = asked_apart(0.2, left_of(9.0))
+    assert apart == whole > 0.02
+    assert asked_apart(0.2, left_of(-0.3))[1] == 0
+    assert asked_apart(-0.2, left_of(-0.1))[1] > 0.02
+
+
+def test_of_hardly_any_points_nothing_is_known() -> None:
+    assert asked_apart(0.0, left_of(-9.0)) == (0.0, np.inf)
+    witness = Witness(CAMERA, "kinect_v1")
+    surface = witness.surface(room(STILL))
+    assert witness.question(1.0, STILL, surface) == 0
+    assert witness.question_apart(1.0, STILL, surface, left_of(9.0)) == np.inf

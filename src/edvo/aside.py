@@ -15,9 +15,8 @@ from edvo.kit import Kit
 from edvo.planes import DepthTerm, thinned
 from edvo.registrar import Registrar
 from edvo.registration import Alignment
-from edvo.scatter import clarity, is_sharper
+from edvo.scatter import SURE, clarity, is_sharper
 from edvo.seen import Seen
-from edvo.status import SURE
 
 SIDES = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
 

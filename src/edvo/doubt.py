@@ -293,12 +293,14 @@ class Doubt:
         with self._clock("witness"):
             conflict, T_world_cam, surface = self._conflict(seen, alignment)
         if conflict > limits.max_conflict:
-            self.cast(timestamp, MOVED)
             self.moving_time = timestamp
-            reason = f"{conflict:.0%} of the view stands where nothing was: something moves"
+            moves = f"{conflict:.0%} of the view stands where nothing was: something moves"
             if conflict > limits.lost_conflict:
-                return Status.LOST, reason
-            status = Status.DEGRADED
+                self.cast(timestamp, MOVED)
+                return Status.LOST, moves
+            if not self._is_calm_apart(seen, T_world_cam, surface):
+                self.cast(timestamp, MOVED)
+                status, reason = Status.DEGRADED, moves
         if conflict < CALM * limits.max_conflict:
             self._calm_time = timestamp
         unsure = status is not Status.TRACKED or self.lasts(timestamp)
@@ -309,6 +311,17 @@ class Doubt:
             self.movers.note(timestamp, T_world_cam, surface)
         self._witness.remember(timestamp, T_world_cam, surface)
         return status, reason
+
+    def _is_calm_apart(
+        self, seen: Seen, T_world_cam: NDArray[np.float64], surface: Surface
+    ) -> bool:
+        """Whether all that moves was left out of what was registered, and the rest stands still."""
+        if not seen.without_movers:
+            return False
+        given = seen.frame.timestamp, T_world_cam, surface
+        with self._clock("witness"):
+            conflict = self._witness.question_apart(*given, self.movers.are_far)
+        return conflict < CALM * self._limits.max_conflict
 
     def _has_just_asked(self, timestamp: float) -> bool:
         """Whether depth was held against that of before a frame ago, and nothing moved at all."""

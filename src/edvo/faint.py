@@ -13,8 +13,9 @@ from edvo.kit import Kit
 from edvo.locating import Locator
 from edvo.pieces import Pieces
 from edvo.registration import Alignment
+from edvo.scatter import SURE
 from edvo.seen import Seen
-from edvo.status import SURE, Status
+from edvo.status import Status
 
 
 class SecondLook(NamedTuple):

@@ -17,8 +17,9 @@ from edvo.matching import EdgeIndex
 from edvo.places import LEAST_FIT, Hunt, Place, distinct, is_apart
 from edvo.planes import PlaneFitter, PlanePoints
 from edvo.registration import AGREEING, FAILURES, Alignment, Registration
+from edvo.scatter import SURE
 from edvo.seen import Seen
-from edvo.status import SURE, Judge, agreement, speed_of
+from edvo.status import Judge, agreement, speed_of
 
 STRIDE = 4  # a search takes one sample in so many
 LOOP_M, LOOP_RAD = 0.03, math.radians(1.5)  # that a frame found again may be off, both ways

@@ -10,8 +10,8 @@ from edvo.course import Course
 from edvo.kit import Kit
 from edvo.locating import Locator
 from edvo.registration import Alignment
+from edvo.scatter import SURE
 from edvo.seen import Seen
-from edvo.status import SURE
 from edvo.uncertainty import degenerate_directions
 
 BORNE_OUT = ", but most of what both images have in view fits there, and nowhere beside"

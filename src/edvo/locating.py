@@ -19,9 +19,9 @@ from edvo.mending import Mender
 from edvo.planes import DepthTerm, thinned
 from edvo.registrar import Registrar
 from edvo.registration import FAILURES, Alignment
-from edvo.scatter import clarity, fitting_depth, is_clearer, is_sharper
+from edvo.scatter import SURE, clarity, fitting_depth, is_clearer, is_sharper
 from edvo.seen import Seen
-from edvo.status import SURE, Status, agreement
+from edvo.status import Status, agreement
 from edvo.uncertainty import degenerate_directions, in_current_camera
 
 FAR_STEP = "a far step: of what both see enough fits, and nothing else does"

@@ -117,13 +117,12 @@ class Movers:
             return None
         with self._clock("witness"):
             self._forget_old(timestamp)
-            moved = np.array([point for point, _ in self._moved.values()]).reshape(-1, 3)
             T_world_cam = self._course.expected(timestamp)
-            far_samples = self._far(samples.points(self._camera), T_world_cam, moved)
+            far_samples = self.are_far(samples.points(self._camera), T_world_cam)
             rest = samples.where(np.flatnonzero(far_samples))
             if len(rest) == len(samples) or len(rest) < LEFT * len(samples):
                 return None
-            far_points = self._far(points.X, T_world_cam, moved)
+            far_points = self.are_far(points.X, T_world_cam)
             if np.count_nonzero(~far_points) > most * len(far_points):
                 return None
             if self._depth_alone.has_to_tell(rest):
@@ -131,6 +130,27 @@ class Movers:
             return replace(
                 seen, samples=rest, points=chosen(points, far_points), without_movers=True
             )
+
+    def are_far(
+        self, points: NDArray[np.float64], T_world_cam: NDArray[np.float64]
+    ) -> NDArray[np.bool_]:
+        """Say which points are near to nothing that moved of late.
+
+        Parameters
+        ----------
+        points : ndarray of float64, shape (N, 3)
+            In the camera, metres.
+        T_world_cam : ndarray of float64, shape (4, 4)
+            Where it was.
+
+        Returns
+        -------
+        ndarray of bool, shape (N,)
+        """
+        moved = np.array([point for point, _ in self._moved.values()]).reshape(-1, 3)
+        is_far = np.empty(len(points), np.bool_)
+        kernels.find_far(points, T_world_cam, moved, self._reach_m, is_far)
+        return is_far
 
     def _forget_old(self, timestamp: float) -> None:
         self._keep(lambda time: 0 <= timestamp - time <= KEPT_S)
@@ -142,11 +162,3 @@ class Movers:
             for cube, (point, times) in self._moved.items()
         }
         self._moved = {cube: seen for cube, seen in kept.items() if seen[1]}
-
-    def _far(
-        self, X: NDArray[np.float64], T: NDArray[np.float64], moved: NDArray[np.float64]
-    ) -> NDArray[np.bool_]:
-        """Say which points are near to nothing that moved."""
-        is_far = np.empty(len(X), np.bool_)
-        kernels.find_far(X, T, moved, self._reach_m, is_far)
-        return is_far

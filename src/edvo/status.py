@@ -18,7 +18,6 @@ FIRST_PX = 0.75  # beyond which, if depth is off, too, one of the first is a poo
 FADING = 0.97  # a frame, of the worst fit of depth seen of late
 MOST_UNASKED = 2  # frames in a row of the same depth, that what follows is pardoned for
 AS_A_WHOLE = 0.7  # of the edges agree: of people who are followed, hardly ever so many
-SURE = 0.8  # of the samples in place: depth that contradicts these then leads nowhere else
 BETTER = 1.25  # times as many samples agree after a frame that a jerk has blurred
 TORN = "edges scatter and depth is off the keyframe's, both more than of late"
 CHANCE = 0.28  # a quarter of the samples agree by chance where edges are dense

@@ -10,7 +10,7 @@ import math
 
 from edvo.config import Config
 from edvo.registration import FAILURES, Alignment
-from edvo.scatter import MILD_SIGMA, SHARE, WIDENING, Scatter
+from edvo.scatter import MILD_SIGMA, SHARE, SURE, WIDENING, Scatter
 
 KNOWN = 10  # frames, before which what is usual is not known well enough for a doubt
 LEAST_SIGMA = 0.1  # times the sensor's noise, which depth is as good as not off by
@@ -18,7 +18,7 @@ WIDER, FARTHER = 1.6, 2.0  # times the usual, that edges scatter and depth is of
 DOUBTFUL = 4.0  # times that of depth, which raises doubt; ``MILD_SIGMA`` does so, too
 OUTVOTED = 0.04  # more of the points on planes than as a rule, as a share, that are outliers
 GOOD_SIGMA = 0.6  # times the noise of a sensor, that depth is off by as a rule where it is good
-UNSURE_PX = 0.25  # edges that scatter by less are not asked
+UNSURE_PX = 0.25  # edges that scatter by less are not asked, where nearly all agree
 MORE_POINTS, SAME_SIGMA, ENOUGH_EDGES = 1.03, 1.1, 0.8  # times those of the other, to fit better
 
 
@@ -100,9 +100,10 @@ class Torn:
             self._scatter.widen()
 
     def outvotes_depth(self, alignment: Alignment) -> bool:
-        """Whether more points than as a rule are outliers of depth that is good, and edges scatter.
+        """Whether more points than as a rule are outliers of depth that is good, and edges unsure.
 
         A wall that alone says how far the camera went to one side is outvoted by all the others.
+        Edges are unsure that scatter, or do not agree: dense texture fits sharply beside its place.
 
         Parameters
         ----------
@@ -112,7 +113,10 @@ class Torn:
         -------
         bool
         """
-        if not self._asks or not _tells_depth(alignment) or alignment.sigma_px < UNSURE_PX:
+        if not self._asks or not _tells_depth(alignment):
+            return False
+        agree = alignment.agreeing >= SURE * len(alignment.matches)
+        if agree and alignment.sigma_px < UNSURE_PX:
             return False
         return self._sigma < GOOD_SIGMA and alignment.outliers > self._outliers + OUTVOTED
 

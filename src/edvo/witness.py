@@ -8,7 +8,9 @@ nothing, since a moving camera hides and shows.
 """
 
 from collections import deque
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +54,12 @@ class Surface:
     far: NDArray[np.float32]
 
 
+# when it was seen, from where, and what
+_Then: TypeAlias = tuple[float, NDArray[np.float64], Surface]
+# which of points count, that were seen from there
+Counts: TypeAlias = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.bool_]]
+
+
 class Witness:
     """Remembers the surfaces of the last second.
 
@@ -78,8 +86,8 @@ class Witness:
         self._rays = np.column_stack([ray, np.ones(len(ray))])
         self._rows, self._cols = u.shape
         self._ring = NOWHERE if keeps_strays else ring(self._cols)
-        self._seen: deque[tuple[float, NDArray[np.float64], Surface]] = deque()
-        self._asked = -np.inf  # when that was seen which was asked last
+        self._seen: deque[_Then] = deque()
+        self._asked: _Then | None = None  # the last that was asked
 
     def forget(self, since: float = -np.inf) -> None:
         """Forget what was seen since then.
@@ -110,7 +118,9 @@ class Witness:
         count = kernels.place_points(kept, POINTS_EVERY, self._rays, self._ring, points)
         return Surface(points[:count], near, far)
 
-    def conflict(self, a: Surface, b: Surface, T_a_b: NDArray[np.float64]) -> float:
+    def conflict(
+        self, a: Surface, b: Surface, T_a_b: NDArray[np.float64], unknown: float = 0.0
+    ) -> float:
         """Say how much of two surfaces cannot be, if neither has moved.
 
         Parameters
@@ -118,17 +128,19 @@ class Witness:
         a, b : Surface
         T_a_b : ndarray of float64, shape (4, 4)
             Maps points from the camera of ``b`` to that of ``a``.
+        unknown : float, optional
+            What is given where they see hardly anything together.
 
         Returns
         -------
         float
             Share, of the points that both see, of those that stand in front of the other's
-            surface; 0 where they see hardly anything together.
+            surface.
         """
         there = self._compare(a, b.points, T_a_b)
         back = self._compare(b, a.points, se3.inverse(T_a_b))
         together = there[1] + back[1]
-        return (there[0] + back[0]) / together if together >= MIN_POINTS else 0.0
+        return (there[0] + back[0]) / together if together >= MIN_POINTS else unknown
 
     def remember(
         self, timestamp: float, T_world_cam: NDArray[np.float64], surface: Surface
@@ -169,16 +181,42 @@ class Witness:
             self._seen.popleft()
         while len(self._seen) > 1 and timestamp - self._seen[1][0] >= RISEN_S:
             self._seen.popleft()
-        if timestamp < self._asked:  # the clock has jumped back
-            self._asked = -np.inf
-        young = [seen for seen in self._seen if seen[0] >= self._asked]  # none again from before
+        since = self._asked[0] if self._asked else -np.inf
+        if timestamp < since:  # the clock has jumped back
+            self._asked, since = None, -np.inf
+        young = [seen for seen in self._seen if seen[0] >= since]  # none again from before
         if not young:
             return 0.0
         aged = self._aged(timestamp, AGE_S)
-        time, T_world_then, then = aged if aged and aged[0] >= self._asked else young[0]
-        self._asked = time
-        conflict = self.conflict(then, surface, se3.inverse(T_world_then) @ T_world_cam)
-        return conflict / min(max((timestamp - time) / AGE_S, LEAST_TIME), 1.0)
+        self._asked = aged if aged and aged[0] >= since else young[0]
+        return self._since(*self._asked, timestamp, T_world_cam, surface)
+
+    def question_apart(
+        self, timestamp: float, T_world_cam: NDArray[np.float64], surface: Surface, counts: Counts
+    ) -> float:
+        """Hold a surface against the one that was just asked once more, by some points alone.
+
+        Parameters
+        ----------
+        timestamp, T_world_cam, surface
+            As `question` was given them.
+        counts : callable
+            Given points, and where they were seen from, says which of them count.
+
+        Returns
+        -------
+        float
+            See `question`; infinite where they see hardly anything together.
+        """
+        if self._asked is None:
+            return np.inf
+        time, T_world_then, then = self._asked
+        parts = [
+            replace(each, points=np.compress(counts(each.points, T), each.points, axis=0))
+            for each, T in ((then, T_world_then), (surface, T_world_cam))
+        ]
+        given = T_world_then, parts[0], timestamp, T_world_cam, parts[1]
+        return self._since(time, *given, unknown=np.inf)
 
     def risen(
         self, timestamp: float, T_world_cam: NDArray[np.float64], surface: Surface, since: float
@@ -210,9 +248,22 @@ class Witness:
         risen = surface.points[which[in_front]]
         return risen @ T_world_cam[:3, :3].T + T_world_cam[:3, 3]
 
-    def _aged(
-        self, timestamp: float, age: float
-    ) -> tuple[float, NDArray[np.float64], Surface] | None:
+    def _since(
+        self,
+        time: float,
+        T_world_then: NDArray[np.float64],
+        then: Surface,
+        timestamp: float,
+        T_world_cam: NDArray[np.float64],
+        surface: Surface,
+        unknown: float = 0.0,
+    ) -> float:
+        """How much of two surfaces cannot be, as if so long lay between them as is usual."""
+        T_then_cam = se3.inverse(T_world_then) @ T_world_cam
+        conflict = self.conflict(then, surface, T_then_cam, unknown)
+        return conflict / min(max((timestamp - time) / AGE_S, LEAST_TIME), 1.0)
+
+    def _aged(self, timestamp: float, age: float) -> _Then | None:
         """Give the last that was seen so many seconds ago, or longer."""
         return next((seen for seen in reversed(self._seen) if timestamp - seen[0] >= age), None)
 
