@@ -6,13 +6,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from edvo import leaping
+from edvo import leaping, se3
 from edvo.assessing import LEAPT
 from edvo.clock import no_clock
 from edvo.config import Config
 from edvo.doubt import LEAPT_HERE
 from edvo.leaping import BORNE_OUT
 from edvo.odometry import Status
+from edvo.placing import Placed, Way
 
 from . import problems, rooms
 
@@ -128,3 +129,50 @@ def test_no_motion_may_be_left_open(leapt, monkeypatch):
     open_ways = np.eye(6)[:1]
     monkeypatch.setattr(leaping, "degenerate_directions", lambda covariance: open_ways)
     assert not odometry._placer._leaping.excuse(seen, found, LEAPT)
+
+
+@pytest.fixture
+def still(knocked):
+    """A tracker before the knock, and a frame like the last one that follows."""
+    odometry, _ = rooms.tracked(knocked, count=AT)
+    frame = knocked[1][AT - 1]
+    seen = odometry._front_end.see(frame, AT, None, odometry._detail(frame.timestamp))
+    return odometry, replace(seen, frame=replace(frame, timestamp=frame.timestamp + 1 / 30))
+
+
+def confirmed(odometry, seen, away_m, way=Way.KEYFRAME):
+    """Whether the way is in doubt to a frame that is so far from where it was expected."""
+    timestamp, key = seen.frame.timestamp, odometry._course.key
+    T_world_cam = odometry._course.expected(timestamp) @ se3.exp([away_m, 0, 0, 0, 0, 0])
+    found = odometry._locator.register(seen)[0]
+    found = replace(found, T_ref_cur=se3.inverse(key.T_world_key) @ T_world_cam)
+    placed = Placed(seen, found, Status.DEGRADED, "for a test", way=way)
+    assert not odometry._placer.confirm(placed).is_lost
+    return odometry._doubt.is_way_loose(timestamp)
+
+
+@pytest.mark.parametrize(
+    ("away_m", "way", "is_doubted"),
+    [
+        (0.04, Way.KEYFRAME, False),  # more than a hand moves it, but no more than may be wrong
+        (0.06, Way.KEYFRAME, True),
+        (0.06, Way.EARLIER, False),  # it is where it was before
+        (0.0, Way.LEAP, True),
+    ],
+)
+def test_a_leap_from_a_doubtful_pose_puts_the_way_in_doubt(
+    still, monkeypatch, away_m, way, is_doubted
+):
+    odometry, seen = still
+    monkeypatch.setattr(odometry._doubt, "question", lambda *given: given[2:])
+    odometry._judge._agreeing = 1.0  # none fits better
+    assert confirmed(odometry, seen, away_m, way) == is_doubted
+
+
+def test_the_paper_does_not_ask_how_far_it_leapt(still, monkeypatch):
+    odometry, seen = still
+    monkeypatch.setattr(odometry._doubt, "question", lambda *given: given[2:])
+    odometry._judge._agreeing = 1.0
+    odometry._locator.assessor._asks_scatter = False
+    assert not confirmed(odometry, seen, 0.5)
+    assert Config.preset("paper").status.edge_jump == 0

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from edvo import se3
 from edvo.course import FASTEST_M_S, LONGEST_PREDICTION_S, Course
-from edvo.doubt import Doubt
+from edvo.doubt import WRONG_M, Doubt
 from edvo.kit import Kit
 from edvo.registration import Alignment
 from edvo.scatter import clarity, is_sharper
@@ -125,6 +125,24 @@ class Assessor:
         T_expected = course.ahead_of_before(timestamp)  # the last one may have been astray
         T_world_cur = course.key.T_world_key @ alignment.T_ref_cur
         return T_expected is None or se3.distance(T_expected, T_world_cur) > limit
+
+    def leaps_far(self, alignment: Alignment, timestamp: float) -> bool:
+        """Whether it is so far that it was wrong till then, or is by now.
+
+        Parameters
+        ----------
+        alignment : Alignment
+        timestamp : float
+            Of the frame, seconds.
+
+        Returns
+        -------
+        bool
+            False where that is not asked.
+        """
+        if not self._asks_scatter or self.off(alignment.T_ref_cur, timestamp) <= WRONG_M:
+            return False
+        return self.leaps(alignment, timestamp)
 
     def off(self, T_key_cur: NDArray[np.float64], timestamp: float) -> float:
         """Say how far a pose is from where it was expected.

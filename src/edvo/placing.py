@@ -165,7 +165,9 @@ class Placer:
                 self._earlier.stay()
             self._doubt.note_loss(leapt=placed.way is Way.LEAP)
             return confirmed
-        if placed.way is Way.LEAP:
+        # in doubt no frame is lost for it; back at a keyframe it need not have come from there
+        leaps = self._locator.assessor.leaps_far(confirmed.alignment, timestamp)
+        if placed.way is Way.LEAP or (leaps and not placed.is_back):
             self._doubt.cast_on_way(timestamp, LEAPT_HERE)
         if placed.way is Way.DEPTH:
             self._doubt.cast(timestamp, CHANGED)
