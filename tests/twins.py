@@ -404,17 +404,23 @@ def warp(points, camera, T):
     return Y, np.column_stack((u, v)), seen
 
 
+PAIRED = 16  # samples at a time: their pairs with every edge stay in the cache of a processor
+
+
 def warp_and_match(edges, points, gradients, camera, T, criterion, signed=True):
     """Warp (Eq. 1), match by every pair (Eq. 6), take residuals (Eq. 10-12)."""
     Y, pixels, seen = warp(points, camera, T)
-    offset = pixels[:, None] - edges.pixels[None].astype(np.float64)
-    distance = (offset**2).sum(axis=2)
-    dot = gradients.astype(np.float64) @ edges.gradients.astype(np.float64).T
-    costs = distance + criterion.direction * (dot - 1) ** 2
-    costs[(distance > criterion.limit) | (dot < criterion.min_dot)] = np.inf
-    costs[~seen] = np.inf
-    matches = costs.argmin(axis=1)
-    least = costs[np.arange(len(points)), matches]
+    matches, least = np.empty(len(points), np.int64), np.empty(len(points))
+    x, y = edges.pixels.T.astype(np.float64)
+    turned, known = gradients.astype(np.float64), edges.gradients.T.astype(np.float64)
+    for first in range(0, len(points), PAIRED):
+        some = np.s_[first : first + PAIRED]
+        distance = (pixels[some, :1] - x) ** 2 + (pixels[some, 1:] - y) ** 2
+        dot = turned[some] @ known
+        costs = distance + criterion.direction * (dot - 1) ** 2
+        costs[(distance > criterion.limit) | (dot < criterion.min_dot)] = np.inf
+        costs[~seen[some]] = np.inf
+        matches[some], least[some] = costs.argmin(axis=1), costs.min(axis=1)
     matches[np.isinf(least)] = -1
     matched = matches >= 0
     F = pixels[matched] - edges.pixels[matches[matched]]
