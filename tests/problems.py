@@ -251,6 +251,19 @@ def sequence(count=30):
     return frames, poses
 
 
+class Remembered(SyntheticSource):
+    """A source that renders each frame once, however often it is read."""
+
+    def __init__(self, recipe):
+        super().__init__(recipe)
+        self._readings = {}
+
+    def read(self, index):
+        if index not in self._readings:
+            self._readings[index] = super().read(index)
+        return self._readings[index]
+
+
 def rendered(scene, count, **how):
     """Camera and frames of a scene, and where each is in the camera of the first one."""
     source = SyntheticSource(make_recipe(scene, frames=count, **how))

@@ -71,7 +71,7 @@ def errors(
 @pytest.fixture(scope="module")
 def small_hall() -> SyntheticSource:
     """A crowd whose walls are within the reach of depth: three people, a third of the view."""
-    return SyntheticSource(make_recipe(crowd.small_hall(), frames=260, speed=0.35, seed=4))
+    return problems.Remembered(make_recipe(crowd.small_hall(), frames=260, speed=0.35, seed=4))
 
 
 def test_where_a_third_of_the_view_moves_the_rest_is_followed(small_hall: SyntheticSource) -> None:
@@ -88,8 +88,13 @@ def test_where_a_third_of_the_view_moves_the_rest_is_followed(small_hall: Synthe
     assert errors(small_hall, indices, *FOLLOW, *LONG)[0][6:].max() > 0.02
 
 
-def test_where_walls_are_out_of_reach_their_edges_hold_the_pose() -> None:
-    far_hall = SyntheticSource(make_recipe("crowd", frames=25, seed=3))
+@pytest.fixture(scope="module")
+def far_hall() -> SyntheticSource:
+    """A crowd whose walls have no depth."""
+    return problems.Remembered(make_recipe("crowd", frames=25, seed=3))
+
+
+def test_where_walls_are_out_of_reach_their_edges_hold_the_pose(far_hall: SyntheticSource) -> None:
     assert errors(far_hall, range(25))[0][8:].max() < 0.1
     assert errors(far_hall, range(25), *FOLLOW)[0][8:].min() > 0.3
 
@@ -97,7 +102,7 @@ def test_where_walls_are_out_of_reach_their_edges_hold_the_pose() -> None:
 @pytest.fixture(scope="module")
 def others() -> SyntheticSource:
     """A hall that people fill, who are noticed late."""
-    return SyntheticSource(make_recipe(crowd.other_people(3), frames=14, seed=3))
+    return problems.Remembered(make_recipe(crowd.other_people(3), frames=14, seed=3))
 
 
 def test_where_people_fit_no_longer_the_hall_is_found_in_the_frame(others: SyntheticSource) -> None:
@@ -126,16 +131,21 @@ def test_what_stands_still_is_no_place_unless_the_rest_moves_past_it(
 
 
 def test_where_nothing_moves_nothing_changes() -> None:
-    source = SyntheticSource(make_recipe("stairs", frames=12, seed=3))
+    source = problems.Remembered(make_recipe("stairs", frames=12, seed=3))
     with_it, without = errors(source, range(12)), errors(source, range(12), *FOLLOW)
     np.testing.assert_array_equal(with_it[0], without[0])
     assert with_it[1] == without[1] == [Status.TRACKED] * 12
 
 
-def test_where_it_is_mistaken_and_nothing_moves_poses_stay_right() -> None:
+@pytest.fixture(scope="module")
+def still() -> SyntheticSource:
+    """An office, where nothing moves."""
+    return problems.Remembered(make_recipe("office", frames=14, seed=3))
+
+
+def test_where_it_is_mistaken_and_nothing_moves_poses_stay_right(still: SyntheticSource) -> None:
     """As if the witness had seen something move a moment ago."""
-    source = SyntheticSource(make_recipe("office", frames=14, seed=3))
-    odometry = Odometry(source.camera)
+    source, odometry = still, Odometry(still.camera)
     for reading in read_ahead(source, range(14)):
         assert reading.frame is not None
         if reading.index == 6:
@@ -148,10 +158,9 @@ def test_where_it_is_mistaken_and_nothing_moves_poses_stay_right() -> None:
 
 
 @pytest.fixture(scope="module")
-def office() -> tuple[SyntheticSource, list[Frame]]:
+def office(still: SyntheticSource) -> tuple[SyntheticSource, list[Frame]]:
     """Where nothing moves."""
-    source = SyntheticSource(make_recipe("office", frames=9, seed=3))
-    return source, [frame for i in range(9) if (frame := source.read(i).frame) is not None]
+    return still, [frame for i in range(9) if (frame := still.read(i).frame) is not None]
 
 
 def after_eight(source: SyntheticSource, frames: list[Frame], bound: float) -> Odometry:
@@ -298,9 +307,9 @@ def test_edges_without_depth_alone_are_no_place_but_where_it_was_bound_for(
 
 
 @pytest.fixture(scope="module")
-def hall() -> tuple[Background, Keyframe, Seen]:
+def hall(far_hall: SyntheticSource) -> tuple[Background, Keyframe, Seen]:
     """On the way through a crowd, whose walls have no depth."""
-    return on_the_way(SyntheticSource(make_recipe("crowd", frames=9, seed=3)), range(9))
+    return on_the_way(far_hall, range(9))
 
 
 def on_the_way(source: SyntheticSource, indices: range) -> tuple[Background, Keyframe, Seen]:
