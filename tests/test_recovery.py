@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -68,6 +69,13 @@ def test_found_again_after_two_seconds_in_the_dark(walk, back, monkeypatch):
     assert forgotten == [found]  # how it came there
 
 
+@cache
+def other_place(place, seed, camera):
+    """Four frames, the same after each walk."""
+    other = SyntheticSource(make_recipe(place, frames=4, seed=seed, camera=camera))
+    return [other.read(k).frame for k in range(4)]
+
+
 @pytest.mark.parametrize(
     ("place", "seed"), [("texture_near", 1), ("texture_near", 2), ("texture_far", 3)]
 )
@@ -77,12 +85,10 @@ def test_a_place_never_seen_is_not_recognised(walk, place, seed):
     odometry = Odometry(camera)
     for frame in frames[:10]:
         odometry.track(frame)
-    other = SyntheticSource(make_recipe(place, frames=4, seed=seed, camera=camera))
     t = frames[9].timestamp + COVERED_S
     dark = Frame(t, np.full_like(frames[0].grey, 5), frames[0].depth)
     odometry.track(dark)
-    for k in range(4):
-        frame = other.read(k).frame
+    for k, frame in enumerate(other_place(place, seed, camera)):
         result = odometry.track(Frame(t + (k + 1) * PERIOD, frame.grey, frame.depth))
         assert result.status is Status.LOST
 

@@ -116,7 +116,8 @@ def shifts(
 @pytest.mark.parametrize("distorted", [False, True], ids=["pinhole", "distorted"])
 def test_a_checkerboard_follows_the_analytic_homography(distorted: bool) -> None:
     lens = (0.05, -0.1, 0.001, -0.001, 0.02) if distorted else (0.0,) * 5
-    camera = Camera(320, 240, 267.7, 269.6, 160.1, 123.8, lens)
+    # A small one: what takes long is the exact image. The bounds are those of 320 x 240, by angle.
+    camera = Camera(200, 150, 167.3, 168.5, 100.1, 77.4, lens)
     renderer = Renderer(scene({**WALL, "material": "checker"}), camera)
     grid = np.arange(-0.6, 0.61, 0.2)
     board = np.array([[x, 1.0, z] for x in grid for z in grid])
@@ -125,13 +126,13 @@ def test_a_checkerboard_follows_the_analytic_homography(distorted: bool) -> None
         look_at(np.array([0.25, -0.2, 0.1]), np.array([-0.05, 1, -0.05])),
     ]
     exact = [camera.project((board - pose[:3, 3]) @ pose[:3, :3]) for pose in poses]
-    both = np.all([((p > 10) & (p < [309, 229])).all(1) for p in exact], axis=0)
+    both = np.all([((p > 10) & (p < [189, 139])).all(1) for p in exact], axis=0)
     assert both.sum() >= 15
     measured = []
     for pose, points in zip(poses, exact, strict=True):
         image = renderer.render(pose).colour[:, :, 0].astype(float)
         error = shifts(image, checker_by_subsampling(camera, pose), points[both])
-        assert np.abs(error).max() < 0.02
+        assert np.abs(error).max() < 0.0125
         measured.append(camera.undistort(points[both] + error))
     # The homography of a plane n . X = d in the first camera: K (R + t n^T / d) K^-1.
     T = np.linalg.inv(poses[1]) @ poses[0]
@@ -139,7 +140,7 @@ def test_a_checkerboard_follows_the_analytic_homography(distorted: bool) -> None
     d = 1.0 - poses[0][1, 3]
     H = camera.matrix @ (T[:3, :3] + np.outer(T[:3, 3], n) / d) @ np.linalg.inv(camera.matrix)
     moved = cv2.perspectiveTransform(measured[0].reshape(-1, 1, 2), H).reshape(-1, 2)
-    assert np.abs(moved - measured[1]).max() < 0.05
+    assert np.abs(moved - measured[1]).max() < 0.03
 
 
 def test_an_edge_pixel_holds_the_share_that_each_side_covers() -> None:
