@@ -14,6 +14,8 @@ from edvo.odometry import Odometry, Status
 from edvo.status import Judge
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
 
+from . import problems
+
 KNOWN = 6  # frames, until the usual scale is known
 # what else may find that it is wrong
 ALONE = "motion.search_deg=0", "keyframes.earlier=0", "status.max_conflict=0"
@@ -169,7 +171,8 @@ def test_stamps_that_jitter_are_no_leap(stairs, before, now):
 
 
 def test_a_stream_whose_stamps_jitter_is_tracked():
-    source = SyntheticSource(make_recipe("office", frames=30, speed=0.5, seed=1))
+    recipe = make_recipe("office", frames=30, camera=problems.CAMERA, speed=0.5, seed=1)
+    source = SyntheticSource(recipe)
     odometry, rng = Odometry(source.camera), np.random.default_rng(6)
     for i in range(len(source)):
         frame = source.read(i).frame
