@@ -10,8 +10,10 @@ from edvo import se3
 from edvo.config import Config
 from edvo.odometry import Odometry
 from edvo.registration import EDGES_ALONE
-from edvo.synthesis.sequence import SyntheticSource, make_recipe
+from edvo.synthesis.sequence import make_recipe
 from edvo.window import KeyframeWindow
+
+from . import problems
 
 SIGMA = 1e-3
 
@@ -255,7 +257,7 @@ def test_without_covariances_or_earlier_ones_the_last_one_places_it(to_and_fro, 
 
 @pytest.fixture(scope="module")
 def to_and_fro():
-    source = SyntheticSource(make_recipe("office", frames=40))
+    source = problems.Remembered(make_recipe("office", frames=40))
     order = (*range(0, 40, 2), *range(38, -1, -2))
     frames = [replace(source.read(i).frame, timestamp=n / 30) for n, i in enumerate(order)]
     return source, frames

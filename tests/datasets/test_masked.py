@@ -11,7 +11,9 @@ from edvo.datasets.masked import Mask, MaskedSource, read_mask
 from edvo.datasets.source import Reading
 from edvo.errors import DatasetError
 from edvo.odometry import Odometry, Status
-from edvo.synthesis.sequence import SyntheticSource, make_recipe
+from edvo.synthesis.sequence import make_recipe
+
+from .. import problems  # noqa: TID252 - tests is no package to import by name
 
 FRAMES = 30
 PLACES = [(10, 40 + 60 * line) for line in range(4)]
@@ -36,7 +38,7 @@ class Printed(MaskedSource):
 
 @pytest.fixture(scope="module")
 def source() -> Printed:
-    rendered = SyntheticSource(make_recipe("cabinet", frames=FRAMES, seed=3))
+    rendered = problems.Remembered(make_recipe("cabinet", frames=FRAMES, seed=3))
     return Printed(rendered, Mask(Path("none"), np.zeros((480, 640), np.bool_)))
 
 

@@ -138,7 +138,6 @@ def focal(source: Any) -> Finding:
     return check_focal(walk_all(seen.walks, seen.camera), seen.camera)
 
 
-def truth(source: Any) -> Finding:
-    """What is said of the motion against the truth alone."""
-    seen = looks(source)
+def truth(seen: Looks) -> Finding:
+    """What is said of the motion against the truth alone, by what was looked at."""
     return check_truth(walk_all(seen.walks, seen.camera), seen.truth, seen.camera.depth_scale)

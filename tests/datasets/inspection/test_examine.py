@@ -101,8 +101,8 @@ def test_sound_real_recordings(real: Remembered) -> None:
 
 @pytest.mark.parametrize("factor", [0.2, 5.0])
 def test_wrong_scale_of_real_recordings(real: Remembered, factor: float) -> None:
-    wrong = Altered(real, scaled(factor))
-    (warning,) = check_depth_steps(looks(wrong).frames, 5000).warnings
+    wrong = looks(Altered(real, scaled(factor)))
+    (warning,) = check_depth_steps(wrong.frames, 5000).warnings
     assert f"try {5000 * factor:g}" in warning
     (warning,) = truth(wrong).warnings
     assert "times as far as ground truth says" in warning
@@ -147,8 +147,8 @@ def test_focal_length_is_not_observable_where_nothing_turns(handheld: Remembered
 
 @pytest.mark.parametrize("factor", [0.2, 5.0])
 def test_wrong_scale_without_truth_or_with_it(handheld: Remembered, factor: float) -> None:
-    altered = Altered(handheld, scaled(factor))
-    assert check_depth_steps(looks(altered).frames, 5000).warnings
+    altered = looks(Altered(handheld, scaled(factor)))
+    assert check_depth_steps(altered.frames, 5000).warnings
     finding = truth(altered)
     assert finding.warnings
     assert abs(finding.measured["scale"] / factor - 1) < 0.1
@@ -204,7 +204,7 @@ def test_swapped_images(rendered: Remembered) -> None:
 def test_poses_of_another_recording(handheld: Remembered, turning: Remembered) -> None:
     mixed = Altered(handheld)
     mixed.ground_truth = turning.ground_truth  # type: ignore[attr-defined]
-    (warning,) = truth(mixed).warnings
+    (warning,) = truth(looks(mixed)).warnings
     assert "turns otherwise" in warning
 
 
