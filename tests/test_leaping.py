@@ -156,7 +156,9 @@ def confirmed(odometry, seen, away_m, way=Way.KEYFRAME):
     [
         (0.04, Way.KEYFRAME, False),  # more than a hand moves it, but no more than may be wrong
         (0.06, Way.KEYFRAME, True),
+        (0.06, Way.DEPTH, True),
         (0.06, Way.EARLIER, False),  # it is where it was before
+        (0.06, Way.RETURN, False),
         (0.0, Way.LEAP, True),
     ],
 )
@@ -166,7 +168,28 @@ def test_a_leap_from_a_doubtful_pose_puts_the_way_in_doubt(
     odometry, seen = still
     monkeypatch.setattr(odometry._doubt, "question", lambda *given: given[2:])
     odometry._judge._agreeing = 1.0  # none fits better
+    monkeypatch.setattr(odometry._placer._earlier, "settle", lambda: None)
     assert confirmed(odometry, seen, away_m, way) == is_doubted
+    assert not is_doubted or odometry._doubt.way_reason == LEAPT_HERE
+
+
+def test_within_what_a_hand_does_it_is_no_leap(still, monkeypatch):
+    """However far that is, as where images are farther apart."""
+    odometry, seen = still
+    monkeypatch.setattr(odometry._doubt, "question", lambda *given: given[2:])
+    odometry._judge._agreeing = 1.0
+    monkeypatch.setattr(odometry._locator.assessor, "limit", lambda _: 0.2)
+    assert not confirmed(odometry, seen, 0.15)
+    assert confirmed(odometry, seen, 0.25)
+
+
+def test_it_is_where_it_was_placed_at_last_that_counts(still, monkeypatch):
+    """As where depth has put it elsewhere."""
+    odometry, seen = still
+    monkeypatch.setattr(odometry._judge, "_agreeing", 1.0)
+    here = odometry._locator.register(seen)[0]
+    monkeypatch.setattr(odometry._standing, "confirm", lambda *_: (here, Status.DEGRADED, "", None))
+    assert not confirmed(odometry, seen, 0.5)
 
 
 def test_the_paper_does_not_ask_how_far_it_leapt(still, monkeypatch):

@@ -12,9 +12,8 @@ from edvo import se3
 from edvo.config import Config
 from edvo.edges import EdgePixels
 from edvo.frame import Frame
-from edvo.movers import KEPT_S, LEAST, MOST, Movers
+from edvo.movers import KEPT_S, LEAST, LITTLE, MOST, Movers
 from edvo.odometry import Odometry, Status
-from edvo.placing import LITTLE
 from edvo.planes import PlanePoints
 from edvo.seen import Seen
 from edvo.witness import RISEN_S, Witness
@@ -363,6 +362,10 @@ def test_where_something_moves_it_is_told_all_the_same(doubting):
     assert asked(doubting, Status.DEGRADED) == ["note"]
 
 
+def all_are_far(points, _):
+    return np.ones(len(points), np.bool_)
+
+
 @pytest.mark.parametrize(
     ("without", "conflict", "apart", "said"),
     [
@@ -382,13 +385,67 @@ def test_where_the_rest_stands_still_what_moves_raises_no_doubt(
     monkeypatch.setattr(witness, "question", lambda *_: conflict)
     monkeypatch.setattr(witness, "question_apart", lambda *_: apart)
     doubt._calm_time = -np.inf
+    monkeypatch.setattr(doubt.movers, "are_far", all_are_far)
     status, reason = doubt.question(
         replace(seen, without_movers=without), alignment, Status.TRACKED, ""
     )
+    assert doubt._calm_time == -np.inf  # each frame is asked
     assert status is said
     assert (reason == "") == (said is Status.TRACKED)
     assert doubt.lasts(frame.timestamp) == (said is not Status.TRACKED)
     assert doubt.moved(frame.timestamp)
+
+
+@pytest.mark.parametrize(("share", "is_sure"), [(0.19, True), (0.21, False)])
+def test_where_much_was_left_out_it_does(doubting, monkeypatch, share, is_sure):
+    """The rest would be held against itself."""
+    odometry, frame, alignment, _ = doubting
+    doubt, witness = odometry._doubt, odometry._doubt._witness
+    seen = odometry._front_end.see(frame, 40, None, odometry._detail(frame.timestamp))
+    monkeypatch.setattr(witness, "question", lambda *_: 0.1)
+    monkeypatch.setattr(witness, "question_apart", lambda *_: 0.0)
+
+    def are_far(points, _):
+        return np.arange(len(points)) >= share * len(points)
+
+    monkeypatch.setattr(doubt.movers, "are_far", are_far)
+    doubt._calm_time = -np.inf
+    given = replace(seen, without_movers=True), alignment, Status.TRACKED, ""
+    assert (doubt.question(*given)[0] is Status.TRACKED) == is_sure
+
+
+@pytest.mark.parametrize("without", [False, True])
+def test_what_is_registered_with_all_that_moves_is_in_doubt_for_as_long(doubting, without):
+    """Though no frame before was, by what had been left out of it."""
+    odometry, frame, alignment, _ = doubting
+    doubt, now = odometry._doubt, frame.timestamp
+    seen = odometry._front_end.see(frame, 40, None, odometry._detail(now))
+    doubt.moving_time = now - 0.3
+    doubt.question(replace(seen, without_movers=without), alignment, Status.TRACKED, "")
+    assert doubt.lasts(now) != without
+    assert doubt.lasts(now + 0.69) != without
+    assert not doubt.lasts(now + 0.71)
+
+
+def test_a_longer_doubt_is_not_made_shorter(doubting):
+    odometry, frame, alignment, _ = doubting
+    doubt, now = odometry._doubt, frame.timestamp
+    seen = odometry._front_end.see(frame, 40, None, odometry._detail(now))
+    doubt.cast(now - 0.1, "for a test")
+    doubt.moving_time = now - 0.3
+    doubt.question(seen, alignment, Status.TRACKED, "")
+    assert doubt.lasts(now + 0.89)
+
+
+def test_what_is_far_is_told_in_the_world():
+    of = movers(risen=SPOT)
+    of.note(1.0, STILL, None)
+    T = se3.exp(np.array([1.0, -2.0, 0.5, 0.2, 0.4, -0.3]))
+    T_cam_world = se3.inverse(T)
+    X = WALL @ T_cam_world[:3, :3].T + T_cam_world[:3, 3]
+    away = np.linalg.norm(WALL[:, None] - SPOT, axis=-1).min(axis=1)
+    np.testing.assert_array_equal(of.are_far(X, T), away > 0.35)
+    assert movers().are_far(X, T).all()
 
 
 def test_it_makes_no_pose_better_than_it_is(doubting, monkeypatch):
@@ -396,6 +453,7 @@ def test_it_makes_no_pose_better_than_it_is(doubting, monkeypatch):
     seen = odometry._front_end.see(frame, 40, None, odometry._detail(frame.timestamp))
     monkeypatch.setattr(odometry._doubt._witness, "question", lambda *_: 0.1)
     monkeypatch.setattr(odometry._doubt._witness, "question_apart", lambda *_: 0.0)
+    monkeypatch.setattr(odometry._doubt.movers, "are_far", all_are_far)
     given = replace(seen, without_movers=True), alignment, Status.DEGRADED, "for a test"
     assert odometry._doubt.question(*given) == (Status.DEGRADED, "for a test")
 

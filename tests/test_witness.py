@@ -195,3 +195,22 @@ def test_of_hardly_any_points_nothing_is_known() -> None:
     surface = witness.surface(room(STILL))
     assert witness.question(1.0, STILL, surface) == 0
     assert witness.question_apart(1.0, STILL, surface, left_of(9.0)) == np.inf
+
+
+def test_which_points_count_is_told_by_where_each_image_was_taken() -> None:
+    asked, far = [], se3.exp(np.array([1.0, 0, 0, 0, 0, 0]))
+
+    def counts(points: NDArray[np.float64], T: NDArray[np.float64]) -> NDArray[np.bool_]:
+        asked.append((len(points), T[0, 3]))
+        return np.ones(len(points), np.bool_)
+
+    witness = Witness(CAMERA, "kinect_v1")
+    then, holes = witness.surface(room(far)), room(far)
+    holes[::2] = 0
+    witness.remember(1.0, far, then)
+    witness.remember(1.0 + AGE_S, STILL, witness.surface(holes))  # too young to be asked
+    surface = witness.surface(room(STILL))
+    given = 1.05 + AGE_S, STILL, surface
+    witness.question(*given)
+    witness.question_apart(*given, counts)
+    assert asked == [(len(then.points), 1.0), (len(surface.points), 0.0)]

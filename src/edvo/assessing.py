@@ -127,7 +127,7 @@ class Assessor:
         return T_expected is None or se3.distance(T_expected, T_world_cur) > limit
 
     def leaps_far(self, alignment: Alignment, timestamp: float) -> bool:
-        """Whether it is so far that it was wrong till then, or is by now.
+        """Whether it leaps so far that poses were wrong till then, or this one is.
 
         Parameters
         ----------
@@ -138,7 +138,7 @@ class Assessor:
         Returns
         -------
         bool
-            False where that is not asked.
+            False where no leap is asked about (``status.edge_jump`` is 0).
         """
         if not self._asks_scatter or self.off(alignment.T_ref_cur, timestamp) <= WRONG_M:
             return False

@@ -405,11 +405,12 @@ class PlanesConfig(Section):
     outvoted: Literal["asked", "left"] = Field(
         default="asked",
         description="where depth is good, off by less than 0.6 times its noise as a rule, edges "
-        "scatter by more than 0.25 px, and of a hundred points four more than of late are "
-        "outliers, a frame that is no far step is registered once more from where all of depth "
-        "leads. What 3 % more points fit, by no more than 1.1 times the scale, is taken, if depth "
-        "leaves no motion open and four fifths as many edges agree, and is not left for what fits "
-        "less of depth. Or outliers are left alone. Not in the paper",
+        "scatter by more than 0.25 px or fewer than eight tenths of them agree, and of a hundred "
+        "points four more than of late are outliers, a frame that is no far step is registered "
+        "once more from where all of depth leads. What 3 % more points fit, by no more than 1.1 "
+        "times the scale, is taken, if depth leaves no motion open and four fifths as many edges "
+        "agree, and is not left for what fits less of depth. Or outliers are left alone. Not in "
+        "the paper",
     )
 
 
@@ -619,8 +620,9 @@ class StatusConfig(Section):
         description="a frame whose edges scatter about their matches by so many times what they "
         "did of late, while depth lies on the keyframe's planes as ever, is registered anew by the "
         "scale of late, as is one that is lost; and one that is followed closely is degraded, not "
-        "lost, if that share (min_agreeing) of its edges still are in their places. 0 leaves both. "
-        "Not in the paper",
+        "lost, if that share (min_agreeing) of its edges still are in their places. What leaps is "
+        "lost, too; or, in doubt, degraded for a second if it leaps by more than 5 cm. 0 leaves "
+        "all of that. Not in the paper",
     )
     min_told: Annotated[float, Field(ge=0, lt=1)] = Field(
         default=0.25,
@@ -644,8 +646,8 @@ class StatusConfig(Section):
     max_conflict: Fraction = Field(
         default=0.02,
         description="share of the view that stands where a moment ago nothing was, above which "
-        "something moves by itself and a frame is degraded, for a second more; 0 does not ask. "
-        "Not in the paper",
+        "something moves by itself and a frame is degraded, for a second more, unless all that "
+        "moves was left out (moving_m) and the rest stands still; 0 does not ask. Not in the paper",
     )
     lost_conflict: Fraction = Field(
         default=0.3, description="share of that above which a frame is lost; with max_conflict"

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from edvo.course import Course
 from edvo.keyframes import Keyframe
 from edvo.kit import Kit
-from edvo.movers import Movers
+from edvo.movers import LITTLE, Movers
 from edvo.registration import Alignment
 from edvo.seen import Seen
 from edvo.status import Status
@@ -288,6 +288,8 @@ class Doubt:
             As they are then.
         """
         timestamp, limits = seen.frame.timestamp, self._limits
+        if self.moved(timestamp) and not seen.without_movers:
+            self.cast(max(self._time, self.moving_time), MOVED)
         if seen.is_stale or (status is Status.TRACKED and self._has_just_asked(timestamp)):
             return status, reason
         with self._clock("witness"):
@@ -315,12 +317,15 @@ class Doubt:
     def _is_calm_apart(
         self, seen: Seen, T_world_cam: NDArray[np.float64], surface: Surface
     ) -> bool:
-        """Whether all that moves was left out of what was registered, and the rest stands still."""
+        """Whether all that moves, which is little, was left out, and the rest stands still."""
         if not seen.without_movers:
             return False
-        given = seen.frame.timestamp, T_world_cam, surface
+        given, are_far = (seen.frame.timestamp, T_world_cam, surface), self.movers.are_far
         with self._clock("witness"):
-            conflict = self._witness.question_apart(*given, self.movers.are_far)
+            near = np.count_nonzero(~are_far(surface.points, T_world_cam))
+            if near > LITTLE * len(surface.points):
+                return False
+            conflict = self._witness.question_apart(*given, are_far)
         return conflict < CALM * self._limits.max_conflict
 
     def _has_just_asked(self, timestamp: float) -> bool:

@@ -25,6 +25,7 @@ LEAST, BESIDE = 4, 1.5
 MOST = 200  # points: where more have come, much moves, and that is told otherwise
 KEPT_S = 0.75  # for so long it is left out
 LEFT = 0.4  # of the samples, and of the points, are left at least
+LITTLE = 0.2  # of the view moves; where it is more, what stands still is told point by point
 CUBE = 0.3  # of the reach, to a side: one point of those in each is kept
 
 

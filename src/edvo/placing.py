@@ -17,6 +17,7 @@ from edvo.kit import Kit
 from edvo.leading import LEADS, Leading
 from edvo.leaping import Leaping
 from edvo.locating import Locator
+from edvo.movers import LITTLE
 from edvo.parting import Parting
 from edvo.pieces import Pieces
 from edvo.registration import Alignment
@@ -25,8 +26,6 @@ from edvo.standing import Standing
 from edvo.status import Status
 from edvo.unshared import Unshared
 from edvo.upkeep import Upkeep
-
-LITTLE = 0.2  # of the view moves; where it is more, what stands still is told point by point
 
 
 class Way(Enum):

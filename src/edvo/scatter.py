@@ -21,7 +21,7 @@ NO_WORSE = 0.95  # times what depth fitted: no less than chance
 LEAST_AREA = 0.04  # of the image; less of it on planes says nothing
 LEFT = 0.8  # of what lay on planes, where nothing has come before the lens
 FEWER = 0.2  # of the samples, that at once fit no longer: it has turned as nobody foresaw
-SURE = 0.8  # of the samples in place: depth that contradicts these then leads nowhere else
+SURE = 0.8  # of the samples fit, or agree: edges are then surer than depth that contradicts them
 MILD_SIGMA = 1.5  # times the sensor's noise, up to which depth raises no doubt
 AGREEING_SIGMA = 3.0  # times the sensor's noise, at which depth agrees half
 

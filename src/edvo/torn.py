@@ -18,7 +18,7 @@ WIDER, FARTHER = 1.6, 2.0  # times the usual, that edges scatter and depth is of
 DOUBTFUL = 4.0  # times that of depth, which raises doubt; ``MILD_SIGMA`` does so, too
 OUTVOTED = 0.04  # more of the points on planes than as a rule, as a share, that are outliers
 GOOD_SIGMA = 0.6  # times the noise of a sensor, that depth is off by as a rule where it is good
-UNSURE_PX = 0.25  # edges that scatter by less are not asked, where nearly all agree
+UNSURE_PX = 0.25  # edges that scatter by less, and agree, are not asked
 MORE_POINTS, SAME_SIGMA, ENOUGH_EDGES = 1.03, 1.1, 0.8  # times those of the other, to fit better
 
 

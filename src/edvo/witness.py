@@ -189,17 +189,17 @@ class Witness:
             return 0.0
         aged = self._aged(timestamp, AGE_S)
         self._asked = aged if aged and aged[0] >= since else young[0]
-        return self._since(*self._asked, timestamp, T_world_cam, surface)
+        return self._scaled(*self._asked, timestamp, T_world_cam, surface)
 
     def question_apart(
         self, timestamp: float, T_world_cam: NDArray[np.float64], surface: Surface, counts: Counts
     ) -> float:
-        """Hold a surface against the one that was just asked once more, by some points alone.
+        """Hold a surface once more against the one that was asked, by some of the points alone.
 
         Parameters
         ----------
         timestamp, T_world_cam, surface
-            As `question` was given them.
+            As `question` was given them, and found something to ask.
         counts : callable
             Given points, and where they were seen from, says which of them count.
 
@@ -216,7 +216,7 @@ class Witness:
             for each, T in ((then, T_world_then), (surface, T_world_cam))
         ]
         given = T_world_then, parts[0], timestamp, T_world_cam, parts[1]
-        return self._since(time, *given, unknown=np.inf)
+        return self._scaled(time, *given, unknown=np.inf)
 
     def risen(
         self, timestamp: float, T_world_cam: NDArray[np.float64], surface: Surface, since: float
@@ -248,7 +248,7 @@ class Witness:
         risen = surface.points[which[in_front]]
         return risen @ T_world_cam[:3, :3].T + T_world_cam[:3, 3]
 
-    def _since(
+    def _scaled(
         self,
         time: float,
         T_world_then: NDArray[np.float64],
