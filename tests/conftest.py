@@ -17,14 +17,20 @@ settings.load_profile("edvo")
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# With nothing compiled yet these files begin with a minute or more of it, one for itself, the
-# other for all that come after: side by side, they save two workers compiling the same.
-COMPILING = "cli/test_read_only.py", "cli/test_bad_input.py"
+# With nothing compiled yet a worker that begins with the one compiles the tracker for a minute or
+# more, and one that begins with the others the renderer: so no two compile the same.
+TRACKER, RENDERER = "cli/test_bad_input.py", "synthesis"
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Have those begin that compile."""
-    items.sort(key=lambda item: not item.path.as_posix().endswith(COMPILING))
+    """Have those begin that compile for all others."""
+    items.sort(key=_turn)
+
+
+def _turn(item: pytest.Item) -> int:
+    if item.path.as_posix().endswith(TRACKER):
+        return 0
+    return 1 if item.path.parent.name == RENDERER else 2
 
 
 @pytest.fixture(scope="session")
