@@ -16,7 +16,7 @@ from edvo.movers import KEPT_S, LEAST, LITTLE, MOST, Movers
 from edvo.odometry import Odometry, Status
 from edvo.planes import PlanePoints
 from edvo.seen import Seen
-from edvo.witness import RISEN_S, Witness
+from edvo.witness import RISEN_S, Surface, Witness
 
 from . import problems
 from .test_witness import CAMERA, MOVED, STILL, noisy, room
@@ -435,6 +435,7 @@ def test_a_longer_doubt_is_not_made_shorter(doubting):
     doubt.moving_time = now - 0.3
     doubt.question(seen, alignment, Status.TRACKED, "")
     assert doubt.lasts(now + 0.89)
+    assert doubt.reason == "for a test"
 
 
 def test_what_is_far_is_told_in_the_world():
@@ -445,6 +446,8 @@ def test_what_is_far_is_told_in_the_world():
     X = WALL @ T_cam_world[:3, :3].T + T_cam_world[:3, 3]
     away = np.linalg.norm(WALL[:, None] - SPOT, axis=-1).min(axis=1)
     np.testing.assert_array_equal(of.are_far(X, T), away > 0.35)
+    rest = of.rest_of(Surface(X, None, None), T)
+    np.testing.assert_array_equal(rest.points, X[away > 0.35])
     assert movers().are_far(X, T).all()
 
 

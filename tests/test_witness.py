@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -8,7 +10,7 @@ from edvo.config import Config
 from edvo.datasets.readahead import read_ahead
 from edvo.odometry import Odometry, Status
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
-from edvo.witness import AGE_S, MAX_AGE_S, Counts, Witness, step_px
+from edvo.witness import AGE_S, MAX_AGE_S, Rest, Surface, Witness, step_px
 
 CAMERA = Camera(640, 480, 535.4, 539.2, 320.1, 247.6)
 BENT = Camera(640, 480, 517.3, 516.5, 318.6, 255.3, (0.2624, -0.9531, -0.0054, 0.0026, 1.1633))
@@ -168,17 +170,21 @@ def test_the_less_time_there_was_to_move_in_the_more_a_conflict_says() -> None:
     np.testing.assert_allclose(list(asked.values()), expected)
 
 
-def asked_apart(box: float, counts: Counts) -> tuple[float, float]:
+def asked_apart(box: float, rest_of: Rest) -> tuple[float, float]:
     """Of a box that has moved: what contradicts, and of the points that count alone."""
     witness = Witness(CAMERA, "kinect_v1")
     witness.remember(1.0, STILL, witness.surface(room(STILL, box=0.0)))
-    surface = witness.surface(room(MOVED, box=box))
-    given = 1.0 + AGE_S / 2, MOVED, surface
-    return witness.question(*given), witness.question_apart(*given, counts)
+    surface, when = witness.surface(room(MOVED, box=box)), 1.0 + AGE_S / 2
+    whole = witness.question(when, MOVED, surface)
+    return whole, witness.question_apart(when, MOVED, rest_of(surface, MOVED), rest_of)
 
 
-def left_of(limit: float) -> Counts:
-    return lambda points, T: (points @ T[:3, :3].T + T[:3, 3])[:, 0] < limit
+def left_of(limit: float) -> Rest:
+    def rest_of(surface: Surface, T: NDArray[np.float64]) -> Surface:
+        is_left = (surface.points @ T[:3, :3].T + T[:3, 3])[:, 0] < limit
+        return replace(surface, points=surface.points[is_left])
+
+    return rest_of
 
 
 def test_some_of_the_points_may_be_asked_alone() -> None:
@@ -197,20 +203,21 @@ def test_of_hardly_any_points_nothing_is_known() -> None:
     assert witness.question_apart(1.0, STILL, surface, left_of(9.0)) == np.inf
 
 
-def test_which_points_count_is_told_by_where_each_image_was_taken() -> None:
+def test_what_counts_is_asked_of_the_image_that_was_asked() -> None:
     asked, far = [], se3.exp(np.array([1.0, 0, 0, 0, 0, 0]))
 
-    def counts(points: NDArray[np.float64], T: NDArray[np.float64]) -> NDArray[np.bool_]:
-        asked.append((len(points), T[0, 3]))
-        return np.ones(len(points), np.bool_)
+    def rest_of(surface: Surface, T: NDArray[np.float64]) -> Surface:
+        asked.append((surface, T[0, 3]))
+        return surface
 
     witness = Witness(CAMERA, "kinect_v1")
     then, holes = witness.surface(room(far)), room(far)
     holes[::2] = 0
     witness.remember(1.0, far, then)
     witness.remember(1.0 + AGE_S, STILL, witness.surface(holes))  # too young to be asked
-    surface = witness.surface(room(STILL))
-    given = 1.05 + AGE_S, STILL, surface
+    given = 1.05 + AGE_S, STILL, witness.surface(room(STILL))
     witness.question(*given)
-    witness.question_apart(*given, counts)
-    assert asked == [(len(then.points), 1.0), (len(surface.points), 0.0)]
+    witness.question_apart(*given, rest_of)
+    ((surface, x),) = asked
+    assert surface is then
+    assert x == 1

@@ -288,8 +288,8 @@ class Doubt:
             As they are then.
         """
         timestamp, limits = seen.frame.timestamp, self._limits
-        if self.moved(timestamp) and not seen.without_movers:
-            self.cast(max(self._time, self.moving_time), MOVED)
+        if self.moved(timestamp) and self.moving_time > self._time and not seen.without_movers:
+            self.cast(self.moving_time, MOVED)
         if seen.is_stale or (status is Status.TRACKED and self._has_just_asked(timestamp)):
             return status, reason
         with self._clock("witness"):
@@ -320,12 +320,12 @@ class Doubt:
         """Whether all that moves, which is little, was left out, and the rest stands still."""
         if not seen.without_movers:
             return False
-        given, are_far = (seen.frame.timestamp, T_world_cam, surface), self.movers.are_far
+        timestamp, rest_of = seen.frame.timestamp, self.movers.rest_of
         with self._clock("witness"):
-            near = np.count_nonzero(~are_far(surface.points, T_world_cam))
-            if near > LITTLE * len(surface.points):
+            rest = rest_of(surface, T_world_cam)
+            if len(rest.points) < (1 - LITTLE) * len(surface.points):
                 return False
-            conflict = self._witness.question_apart(*given, are_far)
+            conflict = self._witness.question_apart(timestamp, T_world_cam, rest, rest_of)
         return conflict < CALM * self._limits.max_conflict
 
     def _has_just_asked(self, timestamp: float) -> bool:

@@ -132,6 +132,21 @@ class Movers:
                 seen, samples=rest, points=chosen(points, far_points), without_movers=True
             )
 
+    def rest_of(self, surface: Surface, T_world_cam: NDArray[np.float64]) -> Surface:
+        """Leave out of a surface the points that are near to where something moved of late.
+
+        Parameters
+        ----------
+        surface : Surface
+        T_world_cam : ndarray of float64, shape (4, 4)
+            Where it was seen from.
+
+        Returns
+        -------
+        Surface
+        """
+        return replace(surface, points=surface.points[self.are_far(surface.points, T_world_cam)])
+
     def are_far(
         self, points: NDArray[np.float64], T_world_cam: NDArray[np.float64]
     ) -> NDArray[np.bool_]:

@@ -9,7 +9,7 @@ nothing, since a moving camera hides and shows.
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
@@ -55,9 +55,9 @@ class Surface:
 
 
 # when it was seen, from where, and what
-_Then: TypeAlias = tuple[float, NDArray[np.float64], Surface]
-# which of points count, that were seen from there
-Counts: TypeAlias = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.bool_]]
+_Seen: TypeAlias = tuple[float, NDArray[np.float64], Surface]
+# what counts of a surface that was seen from there
+Rest: TypeAlias = Callable[[Surface, NDArray[np.float64]], Surface]
 
 
 class Witness:
@@ -86,8 +86,8 @@ class Witness:
         self._rays = np.column_stack([ray, np.ones(len(ray))])
         self._rows, self._cols = u.shape
         self._ring = NOWHERE if keeps_strays else ring(self._cols)
-        self._seen: deque[_Then] = deque()
-        self._asked: _Then | None = None  # the last that was asked
+        self._seen: deque[_Seen] = deque()
+        self._asked: _Seen | None = None  # the last that was asked
 
     def forget(self, since: float = -np.inf) -> None:
         """Forget what was seen since then.
@@ -189,19 +189,23 @@ class Witness:
             return 0.0
         aged = self._aged(timestamp, AGE_S)
         self._asked = aged if aged and aged[0] >= since else young[0]
-        return self._scaled(*self._asked, timestamp, T_world_cam, surface)
+        return self._scaled(self._asked, (timestamp, T_world_cam, surface))
 
     def question_apart(
-        self, timestamp: float, T_world_cam: NDArray[np.float64], surface: Surface, counts: Counts
+        self, timestamp: float, T_world_cam: NDArray[np.float64], rest: Surface, rest_of: Rest
     ) -> float:
-        """Hold a surface once more against the one that was asked, by some of the points alone.
+        """Hold what counts of a surface against what counts of the one that was asked.
 
         Parameters
         ----------
-        timestamp, T_world_cam, surface
+        timestamp : float
+            Seconds.
+        T_world_cam : ndarray of float64, shape (4, 4)
             As `question` was given them, and found something to ask.
-        counts : callable
-            Given points, and where they were seen from, says which of them count.
+        rest : Surface
+            What counts of the one that `question` was given.
+        rest_of : callable
+            Gives what counts of a surface, told where it was seen from, T_world_cam (4, 4).
 
         Returns
         -------
@@ -210,13 +214,9 @@ class Witness:
         """
         if self._asked is None:
             return np.inf
-        time, T_world_then, then = self._asked
-        parts = [
-            replace(each, points=np.compress(counts(each.points, T), each.points, axis=0))
-            for each, T in ((then, T_world_then), (surface, T_world_cam))
-        ]
-        given = T_world_then, parts[0], timestamp, T_world_cam, parts[1]
-        return self._scaled(time, *given, unknown=np.inf)
+        time, T_world_then, surface = self._asked
+        then = time, T_world_then, rest_of(surface, T_world_then)
+        return self._scaled(then, (timestamp, T_world_cam, rest), unknown=np.inf)
 
     def risen(
         self, timestamp: float, T_world_cam: NDArray[np.float64], surface: Surface, since: float
@@ -248,22 +248,12 @@ class Witness:
         risen = surface.points[which[in_front]]
         return risen @ T_world_cam[:3, :3].T + T_world_cam[:3, 3]
 
-    def _scaled(
-        self,
-        time: float,
-        T_world_then: NDArray[np.float64],
-        then: Surface,
-        timestamp: float,
-        T_world_cam: NDArray[np.float64],
-        surface: Surface,
-        unknown: float = 0.0,
-    ) -> float:
+    def _scaled(self, then: _Seen, now: _Seen, unknown: float = 0.0) -> float:
         """How much of two surfaces cannot be, as if so long lay between them as is usual."""
-        T_then_cam = se3.inverse(T_world_then) @ T_world_cam
-        conflict = self.conflict(then, surface, T_then_cam, unknown)
-        return conflict / min(max((timestamp - time) / AGE_S, LEAST_TIME), 1.0)
+        conflict = self.conflict(then[2], now[2], se3.inverse(then[1]) @ now[1], unknown)
+        return conflict / min(max((now[0] - then[0]) / AGE_S, LEAST_TIME), 1.0)
 
-    def _aged(self, timestamp: float, age: float) -> _Then | None:
+    def _aged(self, timestamp: float, age: float) -> _Seen | None:
         """Give the last that was seen so many seconds ago, or longer."""
         return next((seen for seen in reversed(self._seen) if timestamp - seen[0] >= age), None)
 
