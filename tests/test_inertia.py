@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from edvo import kernels, se3
 from edvo.config import Config
-from edvo.course import FADING_S
-from edvo.inertia import HAND, Inertia
+from edvo.course import FADING_S, HAND
+from edvo.inertia import Inertia
 from edvo.uncertainty import DEGENERATE_M
 
 from . import problems, twins

@@ -511,6 +511,13 @@ class MotionConfig(Section):
         "them while tracking; as stamps tell it; or taken to be none. With planes.weight. Not in "
         "the paper",
     )
+    depth_slack: Literal["measured", "none"] = Field(
+        default="measured",
+        description="depth that was not taken at the instant of its image may lie elsewhere than "
+        "the camera's velocity puts it, all of it as one, by as much as that has changed of late: "
+        "it then says how far things are, and edges how the camera is turned; or it lies where the "
+        "velocity puts it. With motion.depth_delay. Not in the paper",
+    )
     repeated_depth: Literal["recognised", "new"] = Field(
         default="recognised",
         description="depth that is to the bit that of the frame before, as from a camera that "
@@ -911,6 +918,7 @@ PRESETS: dict[str, dict[str, Any]] = {
             "along_px": 0.0,
             "prior_stride": 4,
             "depth_delay": "none",
+            "depth_slack": "none",
             "repeated_depth": "new",
             "readout": "none",
             "exposure": "none",

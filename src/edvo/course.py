@@ -13,6 +13,8 @@ from edvo.keyframes import Keyframe
 FASTEST_M_S = 2.0  # that a camera may go by while its velocity is not known
 LONGEST_PREDICTION_S = 0.2  # beyond it a constant velocity says nothing about a hand
 CRUISE_S = 0.5  # that the velocity is averaged over which a lost camera is expected to keep
+HAND = np.array([3.0] * 3 + [6.0] * 3)  # how a hand accelerates, m/s^2 and rad/s^2 (one sigma)
+ACCELERATION_S = 1.0  # that the acceleration is averaged over
 FADING_S = 0.5  # that a velocity lasts which nothing confirms, where depth alone goes on
 SHORTEST_PERIOD_S = 1e-3  # closer stamps are no more than a clock's jitter
 NOMINAL_PERIOD_S = 1 / 30  # stands in where stamps repeat, all but repeat, or go back
@@ -72,6 +74,9 @@ class Course:
     before : (float, ndarray of float64, shape (4, 4), ndarray of float64, shape (6,)) or None
         When (seconds) and where (T_world_cam) it was before it moved on to the last pose, and its
         velocity then, 1/s.
+    acceleration : ndarray of float64, shape (6,)
+        Of late, mean squares along any axis and about it, m^2/s^4 and rad^2/s^4; those of a hand
+        before any are known.
     """
 
     def __init__(self, T_world_cam: NDArray[np.float64] | None = None) -> None:
@@ -86,6 +91,7 @@ class Course:
         self.anchor: tuple[float, NDArray[np.float64]] | None = None
         self.stood: tuple[float, NDArray[np.float64]] | None = None
         self.before: tuple[float, NDArray[np.float64], NDArray[np.float64]] | None = None
+        self.acceleration = HAND**2
         self._frames = 1  # that the last step was over
 
     @property
@@ -292,7 +298,13 @@ class Course:
         if self.last_time is not None:
             self.before = self.last_time, self.T_world_last, self.velocity
         self._frames = self.losses + 1
-        self.velocity = se3.log(T_last_cur) / seconds
+        velocity = se3.log(T_last_cur) / seconds
+        if self.before is not None and not self.losses:
+            squares = ((velocity - self.velocity) / seconds) ** 2
+            now = squares.reshape(2, 3).mean(axis=1).repeat(3)
+            share = min(seconds / ACCELERATION_S, 1.0)
+            self.acceleration = self.acceleration + (now - self.acceleration) * share
+        self.velocity = velocity
         self._stand_at(T_key_cur)
 
     def leap(self, T_key_cur: NDArray[np.float64]) -> None:

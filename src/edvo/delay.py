@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from edvo import kernels, se3
 from edvo.camera import Camera
 from edvo.kernels import Lag
-from edvo.measuring import Changes, Equations, Estimate, Moment
+from edvo.measuring import SHARED, Changes, Equations, Estimate, Moment
 from edvo.planes import PlaneFitter, camera_of, move_points
-from edvo.registration import AT_ONCE
+from edvo.registration import AS_ONE, AT_ONCE
 from edvo.seen import Seen
 
 EXPECTED_S = 0.01  # how large a delay is beyond the stamps, before anything is known (one sigma)
@@ -29,6 +29,7 @@ LEAST = 2e-4  # m and rad: a tenth of a pixel
 # and what that one was off by would come back larger, with its sign turned, from frame to frame.
 # What is beyond moves at the velocity that was expected, which errs less: (1 + share)^2 < -share.
 LEAST_SHARE = -0.38
+LEAST_SLACK = 1e-5  # m and rad
 
 
 class DepthDelay:
@@ -39,8 +40,8 @@ class DepthDelay:
     camera : Camera
         Of the images.
     fitter : PlaneFitter
-    rule : str
-        See ``MotionConfig.depth_delay``.
+    rule, slack : str
+        See ``MotionConfig.depth_delay`` and ``depth_slack``.
 
     Attributes
     ----------
@@ -48,8 +49,9 @@ class DepthDelay:
         Of the rest, seconds.
     """
 
-    def __init__(self, camera: Camera, fitter: PlaneFitter, rule: str) -> None:
+    def __init__(self, camera: Camera, fitter: PlaneFitter, rule: str, slack: str = "none") -> None:
         self._pinhole, self._fitter = camera_of(camera), fitter
+        self._gives = slack != "none"
         self._is_on = rule != "none" and fitter.is_on
         self.estimate = Estimate(EXPECTED_S, wanted=rule == "measured" and fitter.is_on)
         self.forget()
@@ -143,6 +145,38 @@ class DepthDelay:
         T_depth_cam = se3.exp(-expected * follows / share)
         return AT_ONCE._replace(share=follows, T_ref_last=T_key_last, T_depth_cam=T_depth_cam)
 
+    def slackened(
+        self, lag: Lag, seen: Seen, period: float, acceleration: NDArray[np.float64]
+    ) -> Lag:
+        """Say by how much depth may be elsewhere, since a camera does not go on as it went.
+
+        Parameters
+        ----------
+        lag : Lag
+            When the parts of a frame were taken.
+        seen : Seen
+        period : float
+            Seconds since the last frame.
+        acceleration : ndarray of float64, shape (6,)
+            Mean squares; see `Course`.
+
+        Returns
+        -------
+        Lag
+            The same where that makes no difference.
+        """
+        if not self._gives or lag.share == 0:
+            return lag
+        # s (1 + s) / 2 of how a motion differs from the one before, and all of it where expected
+        beyond = self.share(seen.frame.depth_delay, period) - lag.share
+        times = (abs(lag.share * (1 + lag.share)) / 2 + abs(beyond)) * period**2
+        variances = times**2 * acceleration
+        if variances.max() < LEAST**2:
+            return lag
+        variances += LEAST_SLACK**2
+        to_camera = se3.adjoint(se3.inverse(lag.T_ref_last))
+        return lag._replace(steady=AS_ONE * to_camera.T @ (to_camera / variances[:, None]))
+
     def share(self, stamped: float, period: float) -> float:
         """Say when depth was taken after its image.
 
@@ -173,7 +207,12 @@ class DepthDelay:
         """
         return seen.T_cam_depth is not None or abs(self.of(seen.frame.depth_delay)) >= LEAST_S
 
-    def settled(self, seen: Seen, velocity: NDArray[np.float64]) -> Seen:
+    def settled(
+        self,
+        seen: Seen,
+        velocity: NDArray[np.float64],
+        T_apart: NDArray[np.float64] | None = None,
+    ) -> Seen:
         """Move depth by what the camera has moved by, no longer by what was expected.
 
         Parameters
@@ -181,6 +220,8 @@ class DepthDelay:
         seen : Seen
         velocity : ndarray of float64, shape (6,)
             Of the camera since the last frame, 1/s.
+        T_apart : ndarray of float64, shape (4, 4), optional
+            By which depth was found elsewhere; see `Alignment.T_apart`.
 
         Returns
         -------
@@ -188,6 +229,8 @@ class DepthDelay:
             Its samples have the depth they had.
         """
         T_cam_depth = self.motion(velocity, seen.frame.depth_delay)
+        if T_apart is not None:
+            T_cam_depth = T_apart if T_cam_depth is None else T_apart @ T_cam_depth
         if T_cam_depth is None and seen.T_cam_depth is None:
             return seen
         now, then = (np.eye(4) if T is None else T for T in (T_cam_depth, seen.T_cam_depth))
@@ -213,7 +256,12 @@ class DepthDelay:
         to_reference = se3.adjoint(T)
         twists = np.array([moment.velocity, se3.log(as_stamped)]) @ to_reference.T
         # linear: beside the scale of what is left, depth as it was would be outliers
-        change = self._changes.of(H, twists, b + H @ twists[1], moment.keyframe, moment.period)
+        gradient = b + H @ twists[1]
+        if alignment.lag.steady.size:  # of late or early depth a hand's acceleration tells as well
+            P = SHARED / AS_ONE * alignment.sigma_px**2 * alignment.lag.steady
+            G = np.linalg.solve(H + P, P).T
+            H, gradient = G @ H, G @ gradient
+        change = self._changes.of(H, twists, gradient, moment.keyframe, moment.period)
         if change is None:
             return
         moves = 1 + alignment.lag.share  # depth, as the pose does

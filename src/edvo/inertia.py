@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 
 from edvo import kernels, se3
 from edvo.config import Config
-from edvo.course import FADING_S
+from edvo.course import FADING_S, HAND
 from edvo.uncertainty import BOUNDS, MARGIN, PER_SQUARES, in_current_camera
 
-HAND = np.array([3.0] * 3 + [6.0] * 3)  # how a hand accelerates, m/s^2 and rad/s^2 (one sigma)
 PRIOR_ALONE = 100.0  # times the variance that is called not constrained: 0.26 m or 11 degrees
 NOTHING = 1e4  # the same, of what no registration has told
 UNKNOWN = np.array([0.5] * 3 + [1.0] * 3)  # velocity at first, m/s and rad/s (one sigma)

@@ -89,7 +89,7 @@ class Instants:
         self._rough = config.edges.model_copy(
             update={"depth_window_px": min(ROUGH_PX, config.edges.depth_window_px)}
         )
-        self.depth = DepthDelay(camera, fitter, motion.depth_delay)
+        self.depth = DepthDelay(camera, fitter, motion.depth_delay, motion.depth_slack)
         self.rolling = RollingShutter(camera, registration.solver, motion.readout, motion.readout_s)
         self._trial = ReadoutTrial(camera, registration, fitter)
         self.forget()
@@ -165,7 +165,13 @@ class Instants:
         """
         return self.depth.matters(seen) or self.rolling.seconds != 0
 
-    def settled(self, seen: Seen, T_last_cur: NDArray[np.float64], period: float) -> Seen:
+    def settled(
+        self,
+        seen: Seen,
+        T_last_cur: NDArray[np.float64],
+        period: float,
+        T_apart: NDArray[np.float64] | None = None,
+    ) -> Seen:
         """Move the parts of a frame to its instant, by what the camera has moved by.
 
         Parameters
@@ -176,6 +182,8 @@ class Instants:
             What the camera has moved by since the last frame.
         period : float
             Seconds that this took.
+        T_apart : ndarray of float64, shape (4, 4), optional
+            See `Alignment.T_apart`.
 
         Returns
         -------
@@ -184,7 +192,7 @@ class Instants:
         if not self.matter(seen):
             return seen
         velocity = se3.log(T_last_cur) / period
-        seen = self.depth.settled(seen, velocity)
+        seen = self.depth.settled(seen, velocity, T_apart)
         return replace(seen, samples=self.rolling.unrolled(seen.samples, velocity))
 
     def note(

@@ -246,13 +246,18 @@ class DepthTerm(NamedTuple):
 
 
 class Lag(NamedTuple):
-    """When the parts of a frame were taken, over the time since the last frame."""
+    """When the parts of a frame were taken, over the time since the last frame.
+
+    ``steady`` is an inverse covariance, 1/m^2 and 1/rad^2, of a left perturbation [v, w] of where
+    the camera was as depth was taken, times what counts of it against a single edge.
+    """
 
     share: float  # of depth, as against the image; 0 at once
     T_ref_last: F64  # (4, 4) pose of the last image
     T_depth_cam: F64  # (4, 4) takes back what the points were moved by already
     rows: F64  # (N,) of each sample, as against the middle of the image; empty: all at once
     sharp: F64  # (N,) what each counts, less where it moved while it was exposed; empty: 1
+    steady: F64  # (6, 6) how sure it is that depth lies nowhere else, as one; empty: wholly
 
 
 class PlaneMatches(NamedTuple):
@@ -3526,6 +3531,55 @@ def solve_upper(L: F64, x: F64) -> None:
 
 
 @compiled
+def give_way(A: F64, g: F64, P: F64, slack: F64, moves: float, room: F64, H: F64, b: F64) -> None:
+    """Add a term to normal equations whose points may be off together, by a slack that is known.
+
+    The term has the curvature A and the gradient g over the slack, and over the pose, by which the
+    points move ``moves`` times as much; P is what is known of the slack, positive definite. Writes
+    the factor of A + P into room, (4, 6, 6), which `yielded` is to have.
+    """
+    L, solved, pull = room[0], room[1], room[2, 0]
+    for i in range(6):
+        for j in range(6):
+            room[3, i, j] = A[i, j] + P[i, j]
+    factorize(room[3], 0.0, L)
+    for i in range(6):
+        pull[i] = g[i]
+        for j in range(6):
+            pull[i] += P[i, j] * slack[j]
+    solve_lower(L, pull)
+    solve_upper(L, pull)
+    for i in range(6):
+        for j in range(6):
+            solved[i, j] = A[i, j]
+        solve_lower(L, solved[i])
+    for i in range(6):
+        off = g[i]
+        for j in range(6):
+            off -= A[i, j] * pull[j]
+            rest = A[i, j]
+            for k in range(6):
+                rest -= solved[i, k] * solved[j, k]
+            H[i, j] += moves * moves * rest
+        b[i] += moves * off
+
+
+@compiled
+def yielded(
+    A: F64, g: F64, P: F64, slack: F64, moves: float, room: F64, step: F64, now: F64
+) -> None:
+    """Give the slack that goes with a step of the pose; see `give_way`."""
+    for i in range(6):
+        now[i] = -g[i]
+        for j in range(6):
+            now[i] -= P[i, j] * slack[j] + moves * A[i, j] * step[j]
+    solve_lower(room[0], now)
+    solve_upper(room[0], now)
+    for i in range(6):
+        now[i] += slack[i]
+
+
+@compiled
 def solve_damped(H: F64, b: F64, damping: float, step: F64) -> bool:
     """Solve (H + damping diag H) step = -b, Eq. (14), by Cholesky; False where singular."""
     L = np.empty(H.shape)
@@ -4402,6 +4456,7 @@ def align(
     residuals: F64,
     trust: F64,
     history: F64,
+    slack: F64,
 ) -> tuple[int, int, int, float, float, int, int, float, float]:
     """Register samples (points, gradients) with a reference, Eq. (13)-(14), from the best start.
 
@@ -4422,7 +4477,9 @@ def align(
     their term has a scale of its own, sigma_d, and counts less the more that exceeds the sensor's
     noise, since such errors are not independent of one another. Short steps of the last stage leave
     each point on its plane. H and b stay in px^2. Where depth was not taken at the instant of the
-    image it moves with the pose by less, or by more, and so does the row of a sample (``lag``).
+    image it moves with the pose by less, or by more, and so does the row of a sample (``lag``); and
+    it may lie elsewhere, all of it as one, by a slack that the steps are solved for with the pose,
+    and which costs the more the surer it is that it does not. Writes slack, (6,).
     Where profiles are compared, samples count less in the last stage that it says are smeared.
     Returns why it stopped, iterations, number of matches, sigma and cost; then the number of
     points with a plane, how many of them are no outliers by sigma_d, that, and what their term
@@ -4436,6 +4493,9 @@ def align(
     near, near_trial = new_plane_matches(m), new_plane_matches(m)
     H_planes, b_planes = np.zeros((6, 6)), np.zeros(6)
     near_count, sigma_d, balance = 0, 1.0, 0.0
+    gives = lag.steady.size > 0  # depth may be off as one
+    slack[:] = 0
+    slack_trial, P, room = np.zeros(6), np.zeros((6, 6)), np.empty((4, 6, 6))
     T[:] = starts[
         best_start(
             grid,
@@ -4507,11 +4567,11 @@ def align(
                 grid.order, known, profiles, gradients, usual, lag.sharp, matches, residuals
             )
         if m > 0:
-            there = lagged(T, lag).copy()
+            there = product(exp_se3(slack), lagged(T, lag))
             near_count = match_planes(planes, surface, camera, there, term, near, apart)
         damping = solver.damping
         rejections, rejected, its_cost = 0, 0.0, 0.0
-        sigma_d, balance = 1.0, 0.0
+        sigma_d, balance, believed = 1.0, 0.0, np.float64(0.0)
         stale, follows, leaps = True, False, False
         before = 0.0  # what the last step has changed, if it was taken as it was
         reason = EXHAUSTED
@@ -4538,10 +4598,20 @@ def align(
                     cost += apart * balance / n * plane_cost(near, near_count, asked, sigma_d)
                     plane_equations(near, near_count, sigma_d, H_planes, b_planes)
                     scale = apart * balance * (sigma / sigma_d) ** 2 / every
-                    for i in range(6):
-                        b[i] += scale * moves * b_planes[i]
-                        for j in range(6):
-                            H[i, j] += scale * moves * moves * H_planes[i, j]
+                    if gives:
+                        for i in range(6):
+                            b_planes[i] *= scale
+                            for j in range(6):
+                                H_planes[i, j] *= scale
+                                P[i, j] = (sigma**2 + term.edge_doubt**2) / every * lag.steady[i, j]
+                        give_way(H_planes, b_planes, P, slack, moves, room, H, b)
+                        believed = 0.5 / n * (1 + (term.edge_doubt / sigma) ** 2)
+                        cost += believed * product_in(lag.steady, slack, slack)
+                    else:
+                        for i in range(6):
+                            b[i] += scale * moves * b_planes[i]
+                            for j in range(6):
+                                H[i, j] += scale * moves * moves * H_planes[i, j]
                 stale = False
             if not solve_damped(H, b, damping, step):
                 reason = SINGULAR
@@ -4558,6 +4628,9 @@ def align(
             if change < enough or (stage == last_stage and left < solver.leave_px * min(sigma, 1)):
                 # too small a step to be worth a trial
                 T[:] = trial_T
+                if gives and balance > 0:
+                    yielded(H_planes, b_planes, P, slack, moves, room, step, slack_trial)
+                    slack[:] = slack_trial
                 row[6] = 1
                 reason = CONVERGED
                 break
@@ -4605,6 +4678,10 @@ def align(
                 near_trial_count = near_count
                 if m > 0:
                     trial_there = lagged(trial_T, lag)
+                    if gives and balance > 0:
+                        taken_step = longer if stretches else step
+                        yielded(H_planes, b_planes, P, slack, moves, room, taken_step, slack_trial)
+                        trial_there = product(exp_se3(slack_trial), trial_there)
                     short = change * (solver.max_stretch if stretches else 1.0) < solver.kept_px
                     if stage == last_stage and short:
                         invert(there, back)
@@ -4616,6 +4693,8 @@ def align(
                 if balance > 0:
                     off = plane_cost(near_trial, near_trial_count, asked, sigma_d)
                     row[7] += apart * balance / n * off
+                    if gives:
+                        row[7] += believed * product_in(lag.steady, slack_trial, slack_trial)
             if row[7] < cost:
                 row[6] = 1
                 before = 0.0 if stretches else change
@@ -4628,6 +4707,8 @@ def align(
                 residuals[:] = trial_residuals
                 near, near_trial = near_trial, near
                 near_count = near_trial_count
+                if gives and balance > 0:
+                    slack[:] = slack_trial
                 if m > 0:
                     there = trial_there.copy()  # which may be the pose itself
                 damping *= solver.damping_down
@@ -4670,7 +4751,8 @@ def align(
                     residuals,
                 )
             if apart > ALL and m > 0:
-                near_count = match_planes(planes, surface, camera, lagged(T, lag), term, near)
+                there = product(exp_se3(slack), lagged(T, lag))
+                near_count = match_planes(planes, surface, camera, there, term, near)
             break
     orthonormalize(T)
     packed = place(0)

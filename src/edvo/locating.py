@@ -235,7 +235,8 @@ class Locator:
         if not course.follows(timestamp):
             return seen
         T_last_cur = se3.inverse(self.mender.last_pose(alignment)) @ alignment.T_ref_cur
-        return self._instants.settled(seen, T_last_cur, course.period(timestamp))
+        period = course.period(timestamp)
+        return self._instants.settled(seen, T_last_cur, period, alignment.T_apart)
 
     def _known(self, seen: Seen, starts: NDArray[np.float64]) -> Alignment | None:
         """What `align` has found of that frame, from the same starts."""

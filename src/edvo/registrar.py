@@ -143,4 +143,5 @@ class Registrar:
         if not course.follows(timestamp):
             return AT_ONCE
         period = course.period(timestamp)
-        return self._instants.lag(seen, course.key, course.T_key_last, period, course.velocity)
+        lag = self._instants.lag(seen, course.key, course.T_key_last, period, course.velocity)
+        return self._instants.depth.slackened(lag, seen, period, course.acceleration)

@@ -6,12 +6,12 @@ iteratively re-weighted least squares (Eq. 13) with Levenberg-Marquardt steps (E
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from edvo import kernels
+from edvo import kernels, se3
 from edvo.camera import Camera
 from edvo.config import MatchingConfig, RegistrationConfig
 from edvo.edges import EdgePixels
@@ -21,7 +21,10 @@ from edvo.robust import TUNING, WEIGHTS
 
 RESIDUALS = {"divergence": kernels.SIGNED, "distance": kernels.DISTANCE}
 AGREEING = math.cos(math.radians(45))  # of gradients, even if the camera has rolled a little
-AT_ONCE = kernels.Lag(0.0, np.eye(4), np.eye(4), np.empty(0), np.empty(0))
+AT_ONCE = kernels.Lag(0.0, np.eye(4), np.eye(4), np.empty(0), np.empty(0), np.empty((0, 0)))
+# Edges that err together, or by far more than they scatter: so many as one. What is known of by how
+# much depth may be elsewhere counts so many times as much against them.
+AS_ONE = 40.0
 EDGES_ALONE = DepthTerm(
     weight=0.0, doubt=1.0, edge_doubt=0.0, most=math.inf, min_dot=1.0, limit=0.0, min_points=1
 )
@@ -131,9 +134,13 @@ class Alignment:
     history : ndarray of float64, shape (iterations, 8)
         See ``steps``.
     lag : kernels.Lag
-        When depth and the rows of the image were taken to be taken.
+        When depth and the rows of the image were taken to be taken; by it depth lies where it was
+        found, with its slack.
     is_stale : bool
         Whether its depth is that of the frame before, and says nothing of it.
+    slack : ndarray of float64, shape (6,)
+        By how much depth lies elsewhere than the camera's velocity puts it: left perturbation
+        [v, w] of where it was taken, metres and radians; 0 where that was not asked.
     """
 
     T_ref_cur: NDArray[np.float64]
@@ -158,6 +165,15 @@ class Alignment:
     history: NDArray[np.float64]
     lag: kernels.Lag = AT_ONCE
     is_stale: bool = False
+    slack: NDArray[np.float64] = field(default_factory=lambda: np.zeros(6))
+
+    @property
+    def T_apart(self) -> NDArray[np.float64] | None:
+        """The slack of depth, (4, 4), in the current camera; None where that was not asked."""
+        if not self.lag.steady.size:
+            return None
+        T: NDArray[np.float64] = se3.inverse(self.T_ref_cur) @ se3.exp(self.slack) @ self.T_ref_cur
+        return T
 
     @property
     def outliers(self) -> float:
@@ -361,6 +377,7 @@ class Registration:
         T, H = np.empty((4, 4)), np.zeros((6, 6))
         matches, packed, trust = np.empty(n, np.int32), np.empty(n), np.empty(n)
         history = np.empty((self._solver.max_iterations, kernels.HISTORY))
+        slack = np.empty(6)
         code, iterations, _, sigma, cost, on_planes, fitting, sigma_depth, balance = kernels.align(
             reference.grid,
             reference.near if far and solver.coarse_samples else NOTHING_NEAR,
@@ -386,6 +403,7 @@ class Registration:
             packed,
             trust,
             history,
+            slack,
         )
         residuals, matched = np.empty(n), np.empty((n, 2), np.float32)
         inliers, agreeing = kernels.judge_matches(
@@ -399,6 +417,10 @@ class Registration:
             residuals,
             matched,
         )
+        if lag.steady.size:
+            there = kernels.lagged(T, lag)
+            apart = lag.T_depth_cam @ se3.inverse(there) @ se3.exp(slack) @ there
+            lag = lag._replace(T_depth_cam=apart)
         return Alignment(
             T_ref_cur=T,
             H=H,
@@ -421,4 +443,5 @@ class Registration:
             reason=REASONS[code],
             history=history[:iterations],
             lag=lag,
+            slack=slack,
         )

@@ -18,7 +18,7 @@ from edvo.edges import EdgePixels
 from edvo.evidence import Evidence
 from edvo.matching import EdgeIndex
 from edvo.planes import DepthTerm, PlaneMap, PlanePoints, camera_of
-from edvo.registration import Alignment
+from edvo.registration import AS_ONE, Alignment
 from edvo.sensor import DEPTH_NOISE
 
 CELLS = 16  # across the image: 40 px at VGA
@@ -176,11 +176,48 @@ class Uncertainty:
         """
         told = self.parts(reference, samples, planes, points, term, alignment)
         sigma, C = _scale(alignment), np.empty((6, 6))
+        if alignment.lag.steady.size and alignment.depth_balance:
+            square = sigma**2 + term.edge_doubt**2
+            told = given_way(told, alignment.lag.steady, square)
         given = told.curvature, told.blur, told.parts
         if not kernels.combine_parts(*given, DOUBT, _SHARES, sigma**4, PRIOR, C):
             C = combine(without_blur(told.curvature, told.blur), told.parts, sigma)
         untold = self.evidence.untold(reference.edges, samples, alignment)
         return (C + untold.T @ untold if len(untold) else C), told.by_depth
+
+
+def given_way(told: Parts, steady: NDArray[np.float64], square: float) -> Parts:
+    """Give what a covariance is made of where depth may be elsewhere, all of it as one.
+
+    With A what depth tells, less what may be noise of the normals, and P what is known of the
+    slack, A - A (A + P)^-1 A is left of it, of its scores as much, and those of the slack beside.
+
+    Parameters
+    ----------
+    told : Parts
+        Where it may not.
+    steady : ndarray of float64, shape (6, 6)
+        See `kernels.Lag`: ``AS_ONE`` times the inverse of the slack's covariance.
+    square : float
+        Of what edges err by, px^2, by which that counts against them.
+
+    Returns
+    -------
+    Parts
+        Without blur, which is taken off by then; and without tension: that of edges against planes
+        is what the slack takes up.
+    """
+    P, A = square * steady, told.by_depth
+    known = without_blur(A, told.blur)
+    hidden = known - (A - DOUBT * told.blur)  # noise, by which more is taken off than A tells
+    left = known - known @ np.linalg.solve(known + P, known) - hidden
+    G = np.linalg.solve(A + P, P).T
+    pull = G @ A
+    parts = told.parts.copy()
+    parts[1] = G @ parts[1] @ G.T + AS_ONE / SHARES.planes * pull @ np.linalg.solve(steady, pull.T)
+    parts[3] = 0
+    H = told.curvature - A + 0.5 * (left + left.T)
+    return Parts(H, np.zeros((6, 6)), parts, 0.5 * (pull + pull.T))
 
 
 def _scale(alignment: Alignment) -> float:
