@@ -39,7 +39,10 @@ def test_print_does_not_hold_a_camera_back(print_on_walls, seed):
     off = {}
     for px in (0, 2, 4, 6):
         odometry = Odometry(
-            camera, Config().with_overrides([f"seed={seed}", f"motion.aside_px={px}"])
+            camera,
+            Config().with_overrides(
+                [f"seed={seed}", f"motion.aside_px={px}", "motion.depth_slack=none"]
+            ),
         )
         result = [odometry.track(frame) for frame in frames][-1]
         assert result.status is Status.TRACKED

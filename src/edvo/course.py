@@ -295,11 +295,12 @@ class Course:
             that it took.
         """
         self.stood = None
+        is_known = self.before is not None and not self.losses
         if self.last_time is not None:
             self.before = self.last_time, self.T_world_last, self.velocity
         self._frames = self.losses + 1
         velocity = se3.log(T_last_cur) / seconds
-        if self.before is not None and not self.losses:
+        if is_known and seconds <= LONGEST_PREDICTION_S:
             squares = ((velocity - self.velocity) / seconds) ** 2
             now = squares.reshape(2, 3).mean(axis=1).repeat(3)
             share = min(seconds / ACCELERATION_S, 1.0)

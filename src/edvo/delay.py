@@ -167,9 +167,9 @@ class DepthDelay:
         """
         if not self._gives or lag.share == 0:
             return lag
-        # s (1 + s) / 2 of how a motion differs from the one before, and all of it where expected
-        beyond = self.share(seen.frame.depth_delay, period) - lag.share
-        times = (abs(lag.share * (1 + lag.share)) / 2 + abs(beyond)) * period**2
+        # s (1 + s) / 2 of how a motion differs from the one before; all of it where expected
+        share = self.share(seen.frame.depth_delay, period)
+        times = abs(share * share / 2 + share - lag.share / 2) * period**2
         variances = times**2 * acceleration
         if variances.max() < LEAST**2:
             return lag
@@ -211,7 +211,7 @@ class DepthDelay:
         self,
         seen: Seen,
         velocity: NDArray[np.float64],
-        T_apart: NDArray[np.float64] | None = None,
+        T_cam_points: NDArray[np.float64] | None = None,
     ) -> Seen:
         """Move depth by what the camera has moved by, no longer by what was expected.
 
@@ -220,8 +220,8 @@ class DepthDelay:
         seen : Seen
         velocity : ndarray of float64, shape (6,)
             Of the camera since the last frame, 1/s.
-        T_apart : ndarray of float64, shape (4, 4), optional
-            By which depth was found elsewhere; see `Alignment.T_apart`.
+        T_cam_points : ndarray of float64, shape (4, 4), optional
+            Where they were found instead; see `Alignment`.
 
         Returns
         -------
@@ -229,8 +229,10 @@ class DepthDelay:
             Its samples have the depth they had.
         """
         T_cam_depth = self.motion(velocity, seen.frame.depth_delay)
-        if T_apart is not None:
-            T_cam_depth = T_apart if T_cam_depth is None else T_apart @ T_cam_depth
+        if T_cam_points is not None:
+            T_cam_depth = T_cam_points
+            if seen.T_cam_depth is not None:
+                T_cam_depth = T_cam_points @ seen.T_cam_depth
         if T_cam_depth is None and seen.T_cam_depth is None:
             return seen
         now, then = (np.eye(4) if T is None else T for T in (T_cam_depth, seen.T_cam_depth))

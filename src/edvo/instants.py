@@ -170,7 +170,7 @@ class Instants:
         seen: Seen,
         T_last_cur: NDArray[np.float64],
         period: float,
-        T_apart: NDArray[np.float64] | None = None,
+        T_cam_points: NDArray[np.float64] | None = None,
     ) -> Seen:
         """Move the parts of a frame to its instant, by what the camera has moved by.
 
@@ -182,8 +182,8 @@ class Instants:
             What the camera has moved by since the last frame.
         period : float
             Seconds that this took.
-        T_apart : ndarray of float64, shape (4, 4), optional
-            See `Alignment.T_apart`.
+        T_cam_points : ndarray of float64, shape (4, 4), optional
+            See `Alignment`.
 
         Returns
         -------
@@ -192,7 +192,7 @@ class Instants:
         if not self.matter(seen):
             return seen
         velocity = se3.log(T_last_cur) / period
-        seen = self.depth.settled(seen, velocity, T_apart)
+        seen = self.depth.settled(seen, velocity, T_cam_points)
         return replace(seen, samples=self.rolling.unrolled(seen.samples, velocity))
 
     def note(

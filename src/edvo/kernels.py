@@ -4612,6 +4612,8 @@ def align(
                             b[i] += scale * moves * b_planes[i]
                             for j in range(6):
                                 H[i, j] += scale * moves * moves * H_planes[i, j]
+                if gives and balance == 0:
+                    slack[:] = 0  # of a stage whose depth counted
                 stale = False
             if not solve_damped(H, b, damping, step):
                 reason = SINGULAR

@@ -134,13 +134,15 @@ class Alignment:
     history : ndarray of float64, shape (iterations, 8)
         See ``steps``.
     lag : kernels.Lag
-        When depth and the rows of the image were taken to be taken; by it depth lies where it was
-        found, with its slack.
+        When depth and the rows of the image were taken to be taken; by it depth, as it was
+        registered, lies where it was found, with its slack.
     is_stale : bool
         Whether its depth is that of the frame before, and says nothing of it.
     slack : ndarray of float64, shape (6,)
         By how much depth lies elsewhere than the camera's velocity puts it: left perturbation
         [v, w] of where it was taken, metres and radians; 0 where that was not asked.
+    slack_px2 : float
+        What counted of ``lag.steady`` beside the edges: the square of what they err by, px^2.
     """
 
     T_ref_cur: NDArray[np.float64]
@@ -166,13 +168,18 @@ class Alignment:
     lag: kernels.Lag = AT_ONCE
     is_stale: bool = False
     slack: NDArray[np.float64] = field(default_factory=lambda: np.zeros(6))
+    slack_px2: float = 0.0
 
     @property
-    def T_apart(self) -> NDArray[np.float64] | None:
-        """The slack of depth, (4, 4), in the current camera; None where that was not asked."""
+    def T_cam_points(self) -> NDArray[np.float64] | None:
+        """Where points of depth were found, (4, 4): maps those registered to the current camera.
+
+        None where no slack was asked.
+        """
         if not self.lag.steady.size:
             return None
-        T: NDArray[np.float64] = se3.inverse(self.T_ref_cur) @ se3.exp(self.slack) @ self.T_ref_cur
+        there = kernels.lagged(self.T_ref_cur, self.lag)
+        T: NDArray[np.float64] = se3.inverse(self.T_ref_cur) @ there
         return T
 
     @property
@@ -444,4 +451,5 @@ class Registration:
             history=history[:iterations],
             lag=lag,
             slack=slack,
+            slack_px2=sigma**2 + term.edge_doubt**2,
         )

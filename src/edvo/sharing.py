@@ -22,7 +22,7 @@ from edvo.planes import (
     camera_of,
     thinned,
 )
-from edvo.registration import EDGES_ALONE, Alignment
+from edvo.registration import AT_ONCE, EDGES_ALONE, Alignment
 from edvo.uncertainty import CELLS
 
 MEMORY_S = 0.3  # that the mean is taken over: one frame has too few cells
@@ -150,7 +150,7 @@ class SharedErrors:
                 few,
                 self._camera,
                 alignment.T_ref_cur,
-                alignment.lag,
+                AT_ONCE,  # they lie where the camera was by now
                 term,
                 alignment.sigma_depth,
                 WIDE * self._cell,

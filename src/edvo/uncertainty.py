@@ -177,8 +177,7 @@ class Uncertainty:
         told = self.parts(reference, samples, planes, points, term, alignment)
         sigma, C = _scale(alignment), np.empty((6, 6))
         if alignment.lag.steady.size and alignment.depth_balance:
-            square = sigma**2 + term.edge_doubt**2
-            told = given_way(told, alignment.lag.steady, square)
+            told = given_way(told, alignment.lag.steady, alignment.slack_px2)
         given = told.curvature, told.blur, told.parts
         if not kernels.combine_parts(*given, DOUBT, _SHARES, sigma**4, PRIOR, C):
             C = combine(without_blur(told.curvature, told.blur), told.parts, sigma)
@@ -204,8 +203,7 @@ def given_way(told: Parts, steady: NDArray[np.float64], square: float) -> Parts:
     Returns
     -------
     Parts
-        Without blur, which is taken off by then; and without tension: that of edges against planes
-        is what the slack takes up.
+        Without blur, which is taken off by then.
     """
     P, A = square * steady, told.by_depth
     known = without_blur(A, told.blur)
@@ -215,7 +213,7 @@ def given_way(told: Parts, steady: NDArray[np.float64], square: float) -> Parts:
     pull = G @ A
     parts = told.parts.copy()
     parts[1] = G @ parts[1] @ G.T + AS_ONE / SHARES.planes * pull @ np.linalg.solve(steady, pull.T)
-    parts[3] = 0
+    parts[3] = G @ parts[3] @ G.T  # the slack takes up the rest
     H = told.curvature - A + 0.5 * (left + left.T)
     return Parts(H, np.zeros((6, 6)), parts, 0.5 * (pull + pull.T))
 

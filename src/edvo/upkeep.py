@@ -191,8 +191,7 @@ class Upkeep:
         """Find edges that a keyframe is to have, and how many of them tell places."""
         with self._clock("keyframe"):
             if velocity is not None:  # measured by now, no longer expected
-                T_cam_depth = self._instants.depth.motion(velocity, seen.frame.depth_delay)
-                seen = replace(seen, T_cam_depth=T_cam_depth)
+                seen = self._instants.depth.settled(seen, velocity)
             kept, telling = self._front_end.to_keep(seen)
             if velocity is not None and kept.samples is not seen.samples:  # those were by then
                 samples = self._instants.rolling.unrolled(kept.samples, velocity)
