@@ -303,7 +303,7 @@ class Course:
         if is_known and seconds <= LONGEST_PREDICTION_S:
             squares = ((velocity - self.velocity) / seconds) ** 2
             now = squares.reshape(2, 3).mean(axis=1).repeat(3)
-            share = min(seconds / ACCELERATION_S, 1.0)
+            share = seconds / ACCELERATION_S
             self.acceleration = self.acceleration + (now - self.acceleration) * share
         self.velocity = velocity
         self._stand_at(T_key_cur)

@@ -158,7 +158,7 @@ class DepthDelay:
         period : float
             Seconds since the last frame.
         acceleration : ndarray of float64, shape (6,)
-            Mean squares; see `Course`.
+            Mean squares along and about the axes, m^2/s^4 and rad^2/s^4; see `Course`.
 
         Returns
         -------
@@ -221,7 +221,7 @@ class DepthDelay:
         velocity : ndarray of float64, shape (6,)
             Of the camera since the last frame, 1/s.
         T_cam_points : ndarray of float64, shape (4, 4), optional
-            Where they were found instead; see `Alignment`.
+            Where points were found instead; see `Alignment`.
 
         Returns
         -------
