@@ -661,6 +661,7 @@ def test_normal_equations(rng, residual, name):
         residual=residual, weight=robust.WEIGHTS[name], tuning=robust.TUNING.get(name, 2.0)
     )
     sigma, H, b = 0.8, np.empty((6, 6)), np.empty(6)
+    C, K, g, none = np.zeros((6, 6)), np.zeros((6, 6)), np.empty(6), np.empty(0)
     seen = warp.fresh(T)
 
     def twin():
@@ -671,10 +672,23 @@ def test_normal_equations(rng, residual, name):
     total, (H_twin, _, total_twin) = both(
         "normal_equations",
         lambda: kernels.normal_equations(
-            pinhole(problem.camera), settings, sigma, warp.state, residuals, H, b
+            pinhole(problem.camera),
+            settings,
+            sigma,
+            warp.state,
+            residuals,
+            none,
+            False,
+            H,
+            b,
+            C,
+            K,
+            g,
         ),
         twin,
     )
+    assert not C.any()
+    assert not g.any()
     # the matches are the same but for ties, the residuals to float32
     assert total == pytest.approx(total_twin, rel=1e-3)
     scale = np.sqrt(np.diag(H_twin))
@@ -701,6 +715,22 @@ def test_normal_equations(rng, residual, name):
     np.testing.assert_allclose(H, J.T @ (W[:, None] * J), rtol=1e-9, atol=1e-9 * scale.max() ** 2)
     np.testing.assert_allclose(b, J.T @ (W * residuals), rtol=1e-8, atol=1e-8 * scale.max())
     np.testing.assert_allclose(residuals, warped.residuals, atol=1e-9)
+    # and where each moves by a share of a slack as well
+    bends = rng.normal(0, 0.2, len(problem.samples))
+    again, pull = np.empty((6, 6)), np.empty(6)
+    given = pinhole(problem.camera), settings, sigma, warp.state, residuals, bends
+    kernels.normal_equations(*given, True, again, pull, C, K, g)
+    np.testing.assert_array_equal(again, H)
+    np.testing.assert_array_equal(pull, b)
+    own = bends[matched]
+    tight = {"rtol": 1e-9, "atol": 1e-9 * scale.max() ** 2}
+    np.testing.assert_allclose(C, J.T @ ((W * own)[:, None] * J), **tight)
+    np.testing.assert_allclose(K, J.T @ ((W * own**2)[:, None] * J), **tight)
+    np.testing.assert_allclose(g, J.T @ (W * own * residuals), rtol=1e-8, atol=1e-8 * scale.max())
+    kept = C.copy(), g.copy()
+    kernels.normal_equations(*given, False, again, pull, C, K, g)  # coupled before
+    np.testing.assert_array_equal(C, kept[0])
+    np.testing.assert_allclose(g, kept[1], rtol=1e-12)
 
 
 def with_profiles(problem, rng):

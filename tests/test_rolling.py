@@ -15,6 +15,7 @@ from edvo.odometry import Odometry, Status
 from edvo.planes import camera_of
 from edvo.registration import AT_ONCE, Registration
 from edvo.rolling import LARGEST_S, LEAST_S, RollingShutter
+from edvo.slack import bend_of
 from edvo.synthesis.renderer import Shutter
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
 
@@ -60,12 +61,17 @@ def rolled(samples, twist, readout, camera=VGA):
 def test_moving_samples_equals_its_numpy_twin():
     rng = np.random.default_rng(0)
     points, rows = rng.normal([0, 0, 2], 0.7, (60, 3)), rng.uniform(-0.5, 0.5, 60)
-    T_last = se3.exp([0.3, 0.1, -0.2, 0.1, 0.2, 0.3])
+    T_last, slack = se3.exp([0.3, 0.1, -0.2, 0.1, 0.2, 0.3]), rng.normal(0, 0.1, 6)
 
     def moved_by(step):
-        moved = np.empty_like(points)
+        moved, T = np.empty_like(points), T_last @ se3.exp(step)
         lag = AT_ONCE._replace(T_ref_last=T_last, rows=rows)
-        kernels.unroll_points(points, T_last @ se3.exp(step), lag, moved)
+        loose = lag._replace(bends=bend_of(rows))
+        kernels.unroll_points(points, T, loose, slack, moved)
+        own = se3.adjoint(se3.inverse(T)) @ slack
+        expected = twins.roll(points, rows, step, rows * (1 + rows) / 2, own)
+        np.testing.assert_allclose(moved, expected, atol=1e-9)
+        kernels.unroll_points(points, T, lag, slack, moved)  # rows that bend by nothing
         np.testing.assert_allclose(moved, twins.roll(points, rows, step), atol=1e-9)
         whole = [se3.exp(s * step) for s in rows]
         exact = np.array(

@@ -1,25 +1,34 @@
-"""Depth that lies elsewhere, as one, than the camera's velocity puts it."""
+"""Depth, and rows, that lie elsewhere than the camera's velocity puts them."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from edvo import kernels, se3
-from edvo.config import Config, MatchingConfig, PlanesConfig, RegistrationConfig
+from edvo.config import Config, MatchingConfig, MotionConfig, PlanesConfig, RegistrationConfig
 from edvo.course import ACCELERATION_S, HAND, Course
-from edvo.delay import LEAST_SHARE, LEAST_SLACK, DepthDelay
+from edvo.delay import LEAST_SHARE, DepthDelay
+from edvo.edges import EdgePixels
+from edvo.evaluation import evaluate
+from edvo.exposure import Exposure
 from edvo.frame import Frame
+from edvo.instants import Instants
 from edvo.odometry import Odometry, Status
 from edvo.planes import PlaneFitter, PlaneMap, PlanePoints, move_points
 from edvo.registration import AS_ONE, AT_ONCE, Alignment, Registration
 from edvo.seen import Seen
+from edvo.slack import LEAST_SLACK, bend_of, slackened
 from edvo.synthesis.clock import Clock
+from edvo.synthesis.renderer import Shutter
+from edvo.trajectory import Trajectory
 from edvo.uncertainty import DOUBT, SHARES, Parts, given_way
 
 from . import problems
 
 PERIOD, LATE = 1 / 30, 0.016
+EYE = np.eye(4)
 RESTLESS = np.array([2.0] * 3 + [5.0] * 3)
 
 
@@ -36,20 +45,17 @@ def curvature(rng, size=6, rows=40):
 # -------------------------------------------------------------------------------- the equations
 
 
-@pytest.mark.parametrize("moves", [1.0, 1.48, 0.62])
-def test_a_step_is_that_of_the_equations_of_pose_and_slack_together(rng, moves):
-    edges, A, P = curvature(rng), curvature(rng), curvature(rng, rows=7)
-    g_edges, g, slack = rng.normal(size=(3, 6))
-    H, b, room = edges.copy(), g_edges.copy(), np.empty((4, 6, 6))
-    kernels.give_way(A, g, P, slack, moves, room, H, b)
-    whole = np.block([[edges + moves**2 * A, moves * A], [moves * A, A + P]])
-    gradient = np.concatenate([g_edges + moves * g, g + P @ slack])
-    expected = -np.linalg.solve(whole, gradient)
-    step, now = np.empty(6), np.empty(6)
+def test_a_step_is_that_of_the_equations_of_pose_and_slack_together(rng):
+    whole, gradient, slack = curvature(rng, 12), rng.normal(size=12), rng.normal(size=6)
+    H, C, K, b = whole[:6, :6].copy(), whole[:6, 6:], whole[6:, 6:], gradient[:6].copy()
+    room, step, now = np.empty((4, 6, 6)), np.empty(6), np.empty(6)
+    kernels.give_way(C, K, gradient[6:], room, H, b)
     assert kernels.solve_damped(H, b, 0.0, step)
+    kernels.yielded(slack, room, step, now)
+    expected = -np.linalg.solve(whole, gradient)
     np.testing.assert_allclose(step, expected[:6], rtol=1e-7, atol=1e-12)
-    kernels.yielded(A, g, P, slack, moves, room, step, now)
     np.testing.assert_allclose(now - slack, expected[6:], rtol=1e-7, atol=1e-12)
+    np.testing.assert_allclose(H, np.linalg.inv(np.linalg.inv(whole)[:6, :6]), rtol=1e-7)
 
 
 def test_what_depth_still_tells_is_what_its_slack_leaves(rng):
@@ -120,7 +126,7 @@ class Corner:
         config = RegistrationConfig(stop_px=1e-5, stop_share=1e-5, max_rejections=9)
         registration = Registration(self.problem.camera, MatchingConfig(), config)
         term = PlaneFitter(self.problem.camera, PlanesConfig()).term
-        lag = self.lag if steady is None else self.lag._replace(steady=steady)
+        lag = self.lag if steady is None else self.lag._replace(bend=1.0, steady=steady)
         start = (self.T @ se3.exp(np.full(6, 0.002)))[None]
         reference = registration.index(self.problem.reference)
         given = (reference, self.problem.samples, start, self.planes, self.points)
@@ -155,6 +161,53 @@ def test_depth_that_is_sure_to_lie_nowhere_else_pulls_as_before():
     assert sure.cost == pytest.approx(held.cost, rel=1e-3)
 
 
+def bending(seed, faster, readout=0.025):
+    """Samples seen row by row by a camera that accelerates evenly, from the last image on.
+
+    ``faster`` (6,), 1/s, is by how much it goes faster at the image than on its way to it.
+    """
+    step = np.array([0.01, -0.01, 0.012, 0.012, -0.015, 0.01])
+    T_last = problems.motion(np.random.default_rng(seed), 0.05, 3.0)
+    T = T_last @ se3.exp(step)
+    problem = problems.segments_problem(seed, T)
+    points, pixels = problem.samples.points(problem.camera), problem.samples.pixels
+    for _ in range(5):  # the row decides when, and that which row
+        t = (pixels[:, 1].astype(np.float64) / problem.camera.height - 0.5) * readout
+        twists = t[:, None] * step / PERIOD + (t + t**2 / PERIOD)[:, None] * faster
+        there = np.array(
+            [
+                (se3.exp(-twist) @ np.append(X, 1.0))[:3]
+                for twist, X in zip(twists, points, strict=True)
+            ]
+        )
+        pixels = problem.camera.project(there).astype(np.float32)
+    seen = EdgePixels(pixels, problem.samples.gradients, there[:, 2].astype(np.float32))
+    rows = (pixels[:, 1].astype(np.float64) / problem.camera.height - 0.5) * readout / PERIOD
+    return problem, T_last, seen, AT_ONCE._replace(T_ref_last=T_last, rows=rows)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_rows_tell_how_the_camera_accelerates(seed):
+    """And the pose is that of the middle of the image, though it did not go on as it went."""
+    faster = np.array([0.05, -0.06, 0.04, 0.09, -0.1, 0.08])
+    problem, T_last, seen, lag = bending(seed, faster)
+    config = RegistrationConfig(stop_px=1e-5, stop_share=1e-5, max_rejections=9)
+    registration = Registration(problem.camera, MatchingConfig(), config)
+    reference = registration.index(problem.reference)
+    bends = bend_of(lag.rows)
+    bent = slackened(lag, 0.0, bends, PERIOD, (3 * faster / PERIOD) ** 2)
+    held = registration.align(reference, seen, T_last[None], lag=lag)
+    free = registration.align(reference, seen, T_last[None], lag=bent)
+    off, better = (problems.error(problem.T_ref_cur, each.T_ref_cur) for each in (held, free))
+    assert better[0] < 0.2 * off[0]
+    assert better[1] < 0.2 * off[1]
+    np.testing.assert_allclose(free.faster / PERIOD, faster, atol=0.035)
+    np.testing.assert_array_equal(held.faster, 0)
+    assert free.T_cam_points is None  # depth was taken at once
+    # what edges tell, wherever their rows were
+    np.testing.assert_allclose(free.H, held.H, rtol=0.2, atol=0.05 * held.H.max())
+
+
 # ------------------------------------------------------------------------------- how much it is
 
 
@@ -184,7 +237,7 @@ def test_points_are_moved_to_where_they_were_found(rng, delay):
     found = SimpleNamespace(T_ref_cur=T, lag=lag, slack=slack)
     on = kernels.lagged(T, lag)
     apart = lag.T_depth_cam @ se3.inverse(on) @ se3.exp(slack) @ on
-    found.lag = lag._replace(T_depth_cam=apart, steady=np.eye(6))
+    found.lag = lag._replace(bend=1.0, T_depth_cam=apart, steady=np.eye(6))
     T_cam_points = Alignment.T_cam_points.fget(found)
     settled = measure.settled(there, velocity, T_cam_points)
     where = se3.exp(slack) @ on
@@ -197,15 +250,14 @@ def test_points_are_moved_to_where_they_were_found(rng, delay):
 def test_the_slack_is_what_a_steady_acceleration_moves_it_by(rng, delay):
     """Of a camera that accelerates from the last frame on, evenly, by as much as it is wont to."""
     T_last, measure = problems.motion(rng, 0.3, 20.0), delay_of()
-    lag = measure.lag(late(delay), T_last, PERIOD)
-    lag = measure.slackened(lag, late(delay), PERIOD, RESTLESS**2)
+    lag = loose(measure, late(delay), T_last)
     offs = []
     for a in rng.normal(0, RESTLESS, (4000, 6)):
         # at rest in the middle of the step: what it has moved by since the last frame is nothing
         moved = 0.5 * a * (delay**2 + delay * PERIOD)
         offs.append(se3.adjoint(T_last) @ moved)
     found = np.cov(np.array(offs).T)
-    expected = np.linalg.inv(lag.steady / AS_ONE)
+    expected = lag.bend**2 * np.linalg.inv(lag.steady / AS_ONE)
     scale = np.sqrt(np.outer(expected.diagonal(), expected.diagonal()))
     np.testing.assert_allclose(found / scale, expected / scale, atol=0.08)
 
@@ -213,23 +265,51 @@ def test_the_slack_is_what_a_steady_acceleration_moves_it_by(rng, delay):
 def test_depth_as_old_as_the_last_frame_lies_where_the_velocity_before_puts_it(rng):
     delay = -0.03
     measure = delay_of()
-    lag = measure.lag(late(delay), np.eye(4), PERIOD)
+    lag = loose(measure, late(delay))
     assert lag.share == LEAST_SHARE
-    steady = measure.slackened(lag, late(delay), PERIOD, RESTLESS**2).steady
     s = delay / PERIOD
-    times = abs(0.5 * s**2 + s - 0.5 * LEAST_SHARE) * PERIOD**2
-    expected = AS_ONE / ((times * RESTLESS) ** 2 + LEAST_SLACK**2)
-    np.testing.assert_allclose(steady, np.diag(expected), rtol=1e-9)
+    assert lag.bend == pytest.approx(0.5 * s**2 + s - 0.5 * LEAST_SHARE, rel=1e-12)
+    expected = AS_ONE / ((PERIOD**2 * RESTLESS) ** 2 + (LEAST_SLACK / lag.bend) ** 2)
+    np.testing.assert_allclose(lag.steady, np.diag(expected), rtol=1e-9)
 
 
 def test_depth_of_the_same_instant_lies_where_the_camera_was():
     measure = delay_of()
-    at_once = measure.lag(late(0.0), np.eye(4), PERIOD)
-    assert measure.slackened(at_once, late(0.0), PERIOD, RESTLESS**2) is at_once
+    assert measure.bend(measure.lag(late(0.0), np.eye(4), PERIOD), late(0.0), PERIOD) == 0
+    assert not loose(
+        measure, late(), acceleration=1e-3 * RESTLESS**2
+    ).steady.size  # a tenth of a px
     lag = measure.lag(late(), np.eye(4), PERIOD)
-    still = measure.slackened(lag, late(), PERIOD, 1e-3 * RESTLESS**2)
-    assert still is lag  # by less than a tenth of a pixel
-    assert delay_of("none").slackened(lag, late(), PERIOD, RESTLESS**2) is lag
+    assert delay_of("none").bend(lag, late(), PERIOD) == 0
+
+
+def test_rows_are_off_as_depth_of_their_instants_is():
+    samples = SimpleNamespace(pixels=np.array([[9, 0], [9, 240], [9, 480]], np.float32))
+    seen = replace(late(0.0), samples=samples)
+    fitter = PlaneFitter(problems.VGA, PlanesConfig())
+    for rule in ("measured", "none"):
+        rules = {"readout": "known", "readout_s": 0.02, "row_slack": rule, "depth_delay": "stamps"}
+        config = Config(motion=MotionConfig(**rules))
+        registration = Registration(problems.VGA, config.matching, config.registration)
+        exposure = Exposure(problems.VGA, config)
+        instants = Instants(problems.VGA, config, registration, fitter, exposure)
+        for delay in (0.0, 0.01):
+            frame = replace(seen.frame, depth_delay=delay)
+            this = replace(seen, frame=frame)
+            lag = instants.lag(this, None, np.eye(4), PERIOD, np.zeros(6))
+            found = instants.slackened(lag, this, PERIOD, RESTLESS**2)
+            bends = [-0.105, 0.0, 0.195] if rule == "measured" else []
+            np.testing.assert_allclose(found.bends, bends, atol=1e-12)
+            assert found.bend == pytest.approx(0.195 if delay else 0.0, abs=1e-12)
+            still = instants.slackened(lag, this, PERIOD, 1e-5 * RESTLESS**2)
+            assert still is lag
+            if rule == "none" and not delay:
+                assert found is lag
+
+
+def loose(measure, seen, T_last=EYE, acceleration=RESTLESS**2):
+    lag = measure.lag(seen, T_last, PERIOD)
+    return slackened(lag, measure.bend(lag, seen, PERIOD), lag.rows, PERIOD, acceleration)
 
 
 def start():
@@ -312,5 +392,30 @@ def test_late_depth_does_not_turn_the_pose_of_a_hand(hand_held):
     assert 1.5 < square < 5.35  # the latter is the median of chi^2 of six
 
 
-def test_paper_has_depth_where_it_is():
-    assert Config.preset("paper").motion.depth_slack == "none"
+@pytest.fixture(scope="module")
+def row_by_row():
+    """An office seen by a hand, whose rows are read in 25 ms."""
+    shutter = Shutter(exposure=0.0, steps=1, readout=0.025)
+    return problems.rendered(
+        "office", 60, camera=problems.CAMERA, speed=0.5, seed=1, shutter=shutter
+    )
+
+
+def test_how_a_hand_accelerates_within_an_image_does_not_move_the_pose(row_by_row):
+    camera, frames, truth = row_by_row
+    known = "motion.readout=known", "motion.readout_s=0.025"
+    errors = []
+    for rule in ("none", "measured"):
+        changes = (*known, f"motion.row_slack={rule}")
+        odometry = Odometry(camera, Config().with_overrides(changes))
+        assert {odometry.track(frame).status for frame in frames} == {Status.TRACKED}
+        times = np.array([frame.timestamp for frame in frames])
+        errors.append(
+            evaluate(Trajectory(times, np.array(truth)), odometry.trajectory, 60).rpe.rmse
+        )
+    assert errors[1] < 0.85 * errors[0]
+
+
+def test_paper_has_depth_and_rows_where_they_are():
+    motion = Config.preset("paper").motion
+    assert motion.depth_slack == motion.row_slack == "none"

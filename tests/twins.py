@@ -1156,9 +1156,12 @@ def carry_edges(pixels, gradients, depths, profiles, T, camera):
 # ------------------------------------------------------------------------------ rolling shutters
 
 
-def roll(points, rows, twist):
-    """Points moved by so much of a twist, each its own share, to first order."""
-    return points + rows[:, None] * (twist[:3] + np.cross(twist[3:], points))
+def roll(points, rows, twist, bends=0.0, slack=None):
+    """Points moved by so much of one twist and of another, each its own shares, to first order."""
+    moved = points + rows[:, None] * (twist[:3] + np.cross(twist[3:], points))
+    if slack is not None:
+        moved += bends[:, None] * (slack[:3] + np.cross(slack[3:], points))
+    return moved
 
 
 def unroll_pixels(pixels, depths, typical, rows, velocity, camera):

@@ -518,6 +518,13 @@ class MotionConfig(Section):
         "it then says how far things are, and edges how the camera is turned; or it lies where the "
         "velocity puts it. With motion.depth_delay. Not in the paper",
     )
+    row_slack: Literal["measured", "none"] = Field(
+        default="measured",
+        description="rows that were not taken at the instant of their image may lie elsewhere than "
+        "the camera's velocity puts them, by as much as that has changed of late: how it changes "
+        "within the image is solved for together with the pose, and keyframes are put right by it; "
+        "or they lie where the velocity puts them. With motion.readout. Not in the paper",
+    )
     repeated_depth: Literal["recognised", "new"] = Field(
         default="recognised",
         description="depth that is to the bit that of the frame before, as from a camera that "
@@ -919,6 +926,7 @@ PRESETS: dict[str, dict[str, Any]] = {
             "prior_stride": 4,
             "depth_delay": "none",
             "depth_slack": "none",
+            "row_slack": "none",
             "repeated_depth": "new",
             "readout": "none",
             "exposure": "none",

@@ -20,16 +20,15 @@ from edvo.measuring import SHARED, Changes, Equations, Estimate, Moment
 from edvo.planes import PlaneFitter, camera_of, move_points
 from edvo.registration import AS_ONE, AT_ONCE
 from edvo.seen import Seen
+from edvo.slack import LEAST
 
 EXPECTED_S = 0.01  # how large a delay is beyond the stamps, before anything is known (one sigma)
 LARGEST_S = 0.05  # stamps further apart are those of two clocks
 LEAST_S = 5e-4  # that matters
-LEAST = 2e-4  # m and rad: a tenth of a pixel
 # Of the time since the last frame. Older, depth lies nearer to the last frame than to its image,
 # and what that one was off by would come back larger, with its sign turned, from frame to frame.
 # What is beyond moves at the velocity that was expected, which errs less: (1 + share)^2 < -share.
 LEAST_SHARE = -0.38
-LEAST_SLACK = 1e-5  # m and rad
 
 
 class DepthDelay:
@@ -145,37 +144,26 @@ class DepthDelay:
         T_depth_cam = se3.exp(-expected * follows / share)
         return AT_ONCE._replace(share=follows, T_ref_last=T_key_last, T_depth_cam=T_depth_cam)
 
-    def slackened(
-        self, lag: Lag, seen: Seen, period: float, acceleration: NDArray[np.float64]
-    ) -> Lag:
-        """Say by how much depth may be elsewhere, since a camera does not go on as it went.
+    def bend(self, lag: Lag, seen: Seen, period: float) -> float:
+        """Say what depth is off by, of how an acceleration moves the camera in a period.
 
         Parameters
         ----------
         lag : Lag
-            When the parts of a frame were taken.
+            See `lag`.
         seen : Seen
         period : float
             Seconds since the last frame.
-        acceleration : ndarray of float64, shape (6,)
-            Mean squares along and about the axes, m^2/s^4 and rad^2/s^4; see `Course`.
 
         Returns
         -------
-        Lag
-            The same where that makes no difference.
+        float
+            See `edvo.slack.bend_of`; and all of that share which is moved by what was expected.
         """
         if not self._gives or lag.share == 0:
-            return lag
-        # s (1 + s) / 2 of how a motion differs from the one before; all of it where expected
+            return 0.0
         share = self.share(seen.frame.depth_delay, period)
-        times = abs(share * share / 2 + share - lag.share / 2) * period**2
-        variances = times**2 * acceleration
-        if variances.max() < LEAST**2:
-            return lag
-        variances += LEAST_SLACK**2
-        to_camera = se3.adjoint(se3.inverse(lag.T_ref_last))
-        return lag._replace(steady=AS_ONE * to_camera.T @ (to_camera / variances[:, None]))
+        return share * share / 2 + share - lag.share / 2
 
     def share(self, stamped: float, period: float) -> float:
         """Say when depth was taken after its image.
@@ -259,8 +247,9 @@ class DepthDelay:
         twists = np.array([moment.velocity, se3.log(as_stamped)]) @ to_reference.T
         # linear: beside the scale of what is left, depth as it was would be outliers
         gradient = b + H @ twists[1]
-        if alignment.lag.steady.size:  # of late or early depth a hand's acceleration tells as well
-            P = SHARED / AS_ONE * alignment.sigma_px**2 * alignment.lag.steady
+        lag = alignment.lag
+        if lag.bend:  # of late or early depth a hand's acceleration tells as well
+            P = SHARED / AS_ONE * (alignment.sigma_px / lag.bend) ** 2 * lag.steady
             G = np.linalg.solve(H + P, P).T
             H, gradient = G @ H, G @ gradient
         change = self._changes.of(H, twists, gradient, moment.keyframe, moment.period)

@@ -18,6 +18,7 @@ from edvo.planes import PlaneFitter, move_points
 from edvo.registration import Alignment, Registration
 from edvo.rolling import RollingShutter
 from edvo.seen import Seen
+from edvo.slack import slackened
 from edvo.trial import ReadoutTrial, Rolled
 
 NEWS = 1e-3  # m and rad, by which a part of a keyframe must be off to be moved anew
@@ -90,7 +91,8 @@ class Instants:
             update={"depth_window_px": min(ROUGH_PX, config.edges.depth_window_px)}
         )
         self.depth = DepthDelay(camera, fitter, motion.depth_delay, motion.depth_slack)
-        self.rolling = RollingShutter(camera, registration.solver, motion.readout, motion.readout_s)
+        shutter = motion.readout, motion.readout_s, motion.row_slack
+        self.rolling = RollingShutter(camera, registration.solver, *shutter)
         self._trial = ReadoutTrial(camera, registration, fitter)
         self.forget()
 
@@ -137,6 +139,30 @@ class Instants:
         rows = self.rolling.rows(seen.samples.pixels)
         return lag._replace(T_ref_last=T_key_last, rows=rows / period) if len(rows) else lag
 
+    def slackened(
+        self, lag: Lag, seen: Seen, period: float, acceleration: NDArray[np.float64]
+    ) -> Lag:
+        """Say by how much parts may be elsewhere, since a camera does not go on as it went.
+
+        Parameters
+        ----------
+        lag : Lag
+            See `lag`.
+        seen : Seen
+        period : float
+            Seconds since the last frame.
+        acceleration : ndarray of float64, shape (6,)
+            See `Course`.
+
+        Returns
+        -------
+        Lag
+        """
+        bend, bends = self.depth.bend(lag, seen, period), self.rolling.bends(lag)
+        if not bend and not len(bends):
+            return lag
+        return slackened(lag, bend, bends, period, acceleration)
+
     def velocity_of(self, keyframe: Keyframe) -> NDArray[np.float64] | None:
         """Give the velocity of the camera at a keyframe.
 
@@ -170,7 +196,7 @@ class Instants:
         seen: Seen,
         T_last_cur: NDArray[np.float64],
         period: float,
-        T_cam_points: NDArray[np.float64] | None = None,
+        alignment: Alignment | None = None,
     ) -> Seen:
         """Move the parts of a frame to its instant, by what the camera has moved by.
 
@@ -182,8 +208,8 @@ class Instants:
             What the camera has moved by since the last frame.
         period : float
             Seconds that this took.
-        T_cam_points : ndarray of float64, shape (4, 4), optional
-            See `Alignment`.
+        alignment : Alignment, optional
+            That tells of what is off by an acceleration, where it does.
 
         Returns
         -------
@@ -192,7 +218,11 @@ class Instants:
         if not self.matter(seen):
             return seen
         velocity = se3.log(T_last_cur) / period
-        seen = self.depth.settled(seen, velocity, T_cam_points)
+        if alignment is None:
+            seen = self.depth.settled(seen, velocity)
+        else:
+            seen = self.depth.settled(seen, velocity, alignment.T_cam_points)
+            velocity = velocity + alignment.faster / period
         return replace(seen, samples=self.rolling.unrolled(seen.samples, velocity))
 
     def note(

@@ -93,7 +93,7 @@ LANES = 64
 PAIRS = 21  # of six derivatives, below the diagonal and on it
 # Rows of a table (TABLE, LANES) that sums are made of: the derivatives come first, and after the
 # last of these are a point, and what else is needed on the way
-RESIDUAL, WEIGHT, PUSH, SPARE, POINT, BY_DEPTH, TABLE = 6, 7, 8, 9, 10, 13, 14
+RESIDUAL, WEIGHT, PUSH, SPARE, POINT, BY_DEPTH, BEND, TABLE = 6, 7, 8, 9, 10, 13, 14, 15
 # Bins of a histogram of residuals: 64 to an octave, from 2^-10 up; what is less is in the first
 SCALE_BINS, SCALE_SHIFT, LEAST_STEP = 1024, np.int32(23 - 6), np.int32((127 - 10) << 6)
 
@@ -248,16 +248,19 @@ class DepthTerm(NamedTuple):
 class Lag(NamedTuple):
     """When the parts of a frame were taken, over the time since the last frame.
 
-    ``steady`` is an inverse covariance, 1/m^2 and 1/rad^2, of a left perturbation [v, w] of where
-    the camera was as depth was taken, times what counts of it against a single edge.
+    ``steady`` is an inverse covariance, 1/m^2 and 1/rad^2, of what an acceleration that lasts moves
+    the camera by in that time squared, a left perturbation [v, w], times what counts of it against
+    a single edge.
     """
 
     share: float  # of depth, as against the image; 0 at once
+    bend: float  # what of that motion it is off by
     T_ref_last: F64  # (4, 4) pose of the last image
     T_depth_cam: F64  # (4, 4) takes back what the points were moved by already
     rows: F64  # (N,) of each sample, as against the middle of the image; empty: all at once
+    bends: F64  # (N,) what of that motion each sample is off by; empty: none
     sharp: F64  # (N,) what each counts, less where it moved while it was exposed; empty: 1
-    steady: F64  # (6, 6) how sure it is that depth lies nowhere else, as one; empty: wholly
+    steady: F64  # (6, 6) how sure it is that the camera goes on as it went; empty: wholly
 
 
 class PlaneMatches(NamedTuple):
@@ -3262,8 +3265,11 @@ def lagged(T: F64, lag: Lag) -> F64:
 
 
 @compiled
-def unroll_points(points: F64, T: F64, lag: Lag, moved: F64) -> None:
-    """Move samples to the instant of the image, taken at T, each by the lag of its row."""
+def unroll_points(points: F64, T: F64, lag: Lag, slack: F64, moved: F64) -> None:
+    """Move samples to the instant of the image, taken at T, each by the lag of its row.
+
+    The camera has not gone on as it went, by a slack (6,) in the reference; see `Lag`.
+    """
     back = np.empty((4, 4))
     invert(lag.T_ref_last, back)
     a, b, c, p, q, r = log_se3(product(back, T))
@@ -3273,6 +3279,21 @@ def unroll_points(points: F64, T: F64, lag: Lag, moved: F64) -> None:
         moved[i, 0] = x + s * (a + q * z - r * y)
         moved[i, 1] = y + s * (b + r * x - p * z)
         moved[i, 2] = z + s * (c + p * y - q * x)
+    if lag.bends.size == 0:
+        return
+    carry, twist = np.empty((6, 6)), np.zeros(6)
+    invert(T, back)
+    write_adjoint(back, carry)
+    for i in range(6):
+        for j in range(6):
+            twist[i] += carry[i, j] * slack[j]
+    a, b, c, p, q, r = twist
+    for i in range(points.shape[0]):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        s = lag.bends[i]
+        moved[i, 0] += s * (a + q * z - r * y)
+        moved[i, 1] += s * (b + r * x - p * z)
+        moved[i, 2] += s * (c + p * y - q * x)
 
 
 @lean
@@ -3531,48 +3552,36 @@ def solve_upper(L: F64, x: F64) -> None:
 
 
 @compiled
-def give_way(A: F64, g: F64, P: F64, slack: F64, moves: float, room: F64, H: F64, b: F64) -> None:
-    """Add a term to normal equations whose points may be off together, by a slack that is known.
+def give_way(C: F64, K: F64, g: F64, room: F64, H: F64, b: F64) -> None:
+    """Eliminate a slack (6,) from normal equations of a pose and that.
 
-    The term has the curvature A and the gradient g over the slack, and over the pose, by which the
-    points move ``moves`` times as much; P is what is known of the slack, positive definite. Writes
-    the factor of A + P into room, (4, 6, 6), which `yielded` is to have.
+    K, positive definite, is its curvature, g its gradient, and C what couples it to the pose, a
+    column for each part of it. Writes the factor of K, and g, into room, (4, 6, 6), which `yielded`
+    is to have.
     """
     L, solved, pull = room[0], room[1], room[2, 0]
+    factorize(K, 0.0, L)
     for i in range(6):
+        room[2, 1, i] = pull[i] = g[i]
         for j in range(6):
-            room[3, i, j] = A[i, j] + P[i, j]
-    factorize(room[3], 0.0, L)
-    for i in range(6):
-        pull[i] = g[i]
-        for j in range(6):
-            pull[i] += P[i, j] * slack[j]
-    solve_lower(L, pull)
-    solve_upper(L, pull)
-    for i in range(6):
-        for j in range(6):
-            solved[i, j] = A[i, j]
+            solved[i, j] = room[3, i, j] = C[i, j]
         solve_lower(L, solved[i])
+    solve_lower(L, pull)
     for i in range(6):
-        off = g[i]
+        for k in range(6):
+            b[i] -= solved[i, k] * pull[k]
         for j in range(6):
-            off -= A[i, j] * pull[j]
-            rest = A[i, j]
             for k in range(6):
-                rest -= solved[i, k] * solved[j, k]
-            H[i, j] += moves * moves * rest
-        b[i] += moves * off
+                H[i, j] -= solved[i, k] * solved[j, k]
 
 
 @compiled
-def yielded(
-    A: F64, g: F64, P: F64, slack: F64, moves: float, room: F64, step: F64, now: F64
-) -> None:
+def yielded(slack: F64, room: F64, step: F64, now: F64) -> None:
     """Give the slack that goes with a step of the pose; see `give_way`."""
     for i in range(6):
-        now[i] = -g[i]
+        now[i] = -room[2, 1, i]
         for j in range(6):
-            now[i] -= P[i, j] * slack[j] + moves * A[i, j] * step[j]
+            now[i] -= room[3, j, i] * step[j]
     solve_lower(room[0], now)
     solve_upper(room[0], now)
     for i in range(6):
@@ -3923,15 +3932,17 @@ def sum_lanes(lanes: F64) -> float:
 
 @lean_float
 def take_edges(
-    matches: Matches, residuals: F64, row: np.uint64, i: np.uint64, table: F64
+    matches: Matches, residuals: F64, bends: F64, row: np.uint64, i: np.uint64, table: F64
 ) -> tuple[np.uint64, np.uint64]:
     """Fill a table with matched samples, from i on; returns how many, and where to go on.
 
-    Their residuals begin at ``row``.
+    Their residuals begin at ``row``. ``bends`` (N,), if there are any, go into the table as well.
     """
     n, size = place(0), place(matches.edge.size)
     while i < size and n < place(LANES):
         if matches.edge[i] >= 0:
+            if bends.size > 0:
+                table[BEND, n] = bends[i]
             table[RESIDUAL, n] = residuals[row + n]
             table[0, n], table[1, n] = matches.normal[i, 0], matches.normal[i, 1]
             table[POINT, n], table[POINT + 1, n] = matches.Y[i, 0], matches.Y[i, 1]
@@ -3963,20 +3974,29 @@ def normal_equations(
     sigma: float,
     matches: Matches,
     residuals: F64,
+    bends: F64,
+    couples: bool,
     H: F64,
     b: F64,
+    C: F64,
+    K: F64,
+    g: F64,
 ) -> float:
     """Accumulate H = J^T W J and b = J^T W r; returns the sum of the weights.
 
     With Y = T x and n the unit vector that the residual is measured along, the derivative by a
-    left perturbation [v, w] of T is [a, Y x a], where a = (d pi / d Y)^T n.
+    left perturbation [v, w] of T is [a, Y x a], where a = (d pi / d Y)^T n. By a slack that moves
+    each sample by a share of that, ``bends`` (N,), it is as much of it: accumulates g, J^T W r
+    times these, zeros where there are none, and where it ``couples`` C, J^T W J times these, and K,
+    times their squares.
     """
     table, pairs, scores = np.zeros((TABLE, LANES)), np.zeros((PAIRS, LANES)), np.zeros((6, LANES))
     weights = np.zeros(LANES)
+    crossed, own, pulls = np.zeros((PAIRS, LANES)), np.zeros((PAIRS, LANES)), np.zeros((6, LANES))
     inverse = 1 / (sigma * sigma)
     row, i = place(0), place(0)
     while i < place(matches.edge.size):
-        n, i = take_edges(matches, residuals, row, i, table)
+        n, i = take_edges(matches, residuals, bends, row, i, table)
         row += n
         project_rows(table, camera.fx, camera.fy, n)
         turn_rows(table, table)
@@ -3985,9 +4005,21 @@ def normal_equations(
         add_pairs(table, table, pairs)
         for lane in range(LANES):
             weights[lane] += table[WEIGHT, lane]
+        if bends.size > 0:
+            if couples:
+                multiply_rows(table[WEIGHT], table[BEND], table[WEIGHT])
+            multiply_rows(table[PUSH], table[BEND], table[PUSH])
+            add_scores(table, pulls)
+            if couples:
+                add_pairs(table, table, crossed)
+                multiply_rows(table[WEIGHT], table[BEND], table[WEIGHT])
+                add_pairs(table, table, own)
     sum_pairs(pairs, 1.0, H)
+    if couples:
+        sum_pairs(crossed, 1.0, C)
+        sum_pairs(own, 1.0, K)
     for m in range(6):
-        b[m] = sum_lanes(scores[m])
+        b[m], g[m] = sum_lanes(scores[m]), sum_lanes(pulls[m])
     return sum_lanes(weights)
 
 
@@ -4478,8 +4510,9 @@ def align(
     noise, since such errors are not independent of one another. Short steps of the last stage leave
     each point on its plane. H and b stay in px^2. Where depth was not taken at the instant of the
     image it moves with the pose by less, or by more, and so does the row of a sample (``lag``); and
-    it may lie elsewhere, all of it as one, by a slack that the steps are solved for with the pose,
-    and which costs the more the surer it is that it does not. Writes slack, (6,).
+    both may lie elsewhere, by their shares of one slack that the steps are solved for with the
+    pose, and which costs the more the surer it is that they do not. Writes slack, (6,); H is what
+    edges tell wherever their rows were, and depth as far as it gives way.
     Where profiles are compared, samples count less in the last stage that it says are smeared.
     Returns why it stopped, iterations, number of matches, sigma and cost; then the number of
     points with a plane, how many of them are no outliers by sigma_d, that, and what their term
@@ -4493,9 +4526,12 @@ def align(
     near, near_trial = new_plane_matches(m), new_plane_matches(m)
     H_planes, b_planes = np.zeros((6, 6)), np.zeros(6)
     near_count, sigma_d, balance = 0, 1.0, 0.0
-    gives = lag.steady.size > 0  # depth may be off as one
+    gives = lag.steady.size > 0  # the camera may not have gone on as it went
     slack[:] = 0
-    slack_trial, P, room = np.zeros(6), np.zeros((6, 6)), np.empty((4, 6, 6))
+    slack_trial, room = np.zeros(6), np.zeros((4, 6, 6))
+    C, K, g = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros(6)
+    C_rows, K_rows, couples = np.zeros((6, 6)), np.zeros((6, 6)), False
+    whole, counts, scale = np.zeros((6, 6)), 0.0, 0.0
     T[:] = starts[
         best_start(
             grid,
@@ -4544,7 +4580,7 @@ def align(
             matches.bound[:] = 0  # what held under one criterion need not under another
         started = True
         if rolls:
-            unroll_points(points, T, lag, moved)
+            unroll_points(points, T, lag, slack, moved)
         count = warp_and_match(
             grid,
             nearby,
@@ -4567,12 +4603,13 @@ def align(
                 grid.order, known, profiles, gradients, usual, lag.sharp, matches, residuals
             )
         if m > 0:
-            there = product(exp_se3(slack), lagged(T, lag))
+            there = product(exp_se3(lag.bend * slack), lagged(T, lag))
             near_count = match_planes(planes, surface, camera, there, term, near, apart)
         damping = solver.damping
         rejections, rejected, its_cost = 0, 0.0, 0.0
         sigma_d, balance, believed = 1.0, 0.0, np.float64(0.0)
         stale, follows, leaps = True, False, False
+        couples = lag.bends.size > 0  # once a stage: what rows couple hardly changes
         before = 0.0  # what the last step has changed, if it was taken as it was
         reason = EXHAUSTED
         budget = solver.max_iterations
@@ -4588,8 +4625,22 @@ def align(
                     sigma = max(sigma, solver.first_sigma)
                 sigma = min(sigma, solver.max_sigma)
                 cost = mean_cost(residuals, count, taken, sigma, criterion.limit, solver)
-                total = normal_equations(camera, solver, sigma, matches, residuals, H, b)
-                balance = 0.0
+                total = normal_equations(
+                    camera,
+                    solver,
+                    sigma,
+                    matches,
+                    residuals,
+                    lag.bends,
+                    couples,
+                    H,
+                    b,
+                    C_rows,
+                    K_rows,
+                    g,
+                )
+                C[:], K[:], couples = C_rows, K_rows, False
+                balance, scale = 0.0, 0.0
                 if near_count * apart >= term.min_points:
                     sigma_d = median_scale(near.residuals, near_count, MIN_PLANE_SIGMA)
                     balance = term.weight / (1 + sigma_d / term.doubt)
@@ -4598,22 +4649,25 @@ def align(
                     cost += apart * balance / n * plane_cost(near, near_count, asked, sigma_d)
                     plane_equations(near, near_count, sigma_d, H_planes, b_planes)
                     scale = apart * balance * (sigma / sigma_d) ** 2 / every
-                    if gives:
-                        for i in range(6):
-                            b_planes[i] *= scale
-                            for j in range(6):
-                                H_planes[i, j] *= scale
-                                P[i, j] = (sigma**2 + term.edge_doubt**2) / every * lag.steady[i, j]
-                        give_way(H_planes, b_planes, P, slack, moves, room, H, b)
-                        believed = 0.5 / n * (1 + (term.edge_doubt / sigma) ** 2)
-                        cost += believed * product_in(lag.steady, slack, slack)
-                    else:
-                        for i in range(6):
-                            b[i] += scale * moves * b_planes[i]
-                            for j in range(6):
-                                H[i, j] += scale * moves * moves * H_planes[i, j]
-                if gives and balance == 0:
-                    slack[:] = 0  # of a stage whose depth counted
+                    for i in range(6):
+                        pull = scale * b_planes[i]
+                        b[i] += moves * pull
+                        g[i] += lag.bend * pull
+                        for j in range(6):
+                            told = scale * moves * H_planes[i, j]
+                            H[i, j] += moves * told
+                            C[i, j] += lag.bend * told
+                            K[i, j] += lag.bend * lag.bend * scale * H_planes[i, j]
+                if gives:
+                    counts = (sigma**2 + term.edge_doubt**2) / every
+                    for i in range(6):
+                        for j in range(6):
+                            K[i, j] += counts * lag.steady[i, j]
+                            g[i] += counts * lag.steady[i, j] * slack[j]
+                    whole[:] = H
+                    give_way(C, K, g, room, H, b)
+                    believed = 0.5 / n * (1 + (term.edge_doubt / sigma) ** 2)
+                    cost += believed * product_in(lag.steady, slack, slack)
                 stale = False
             if not solve_damped(H, b, damping, step):
                 reason = SINGULAR
@@ -4630,8 +4684,8 @@ def align(
             if change < enough or (stage == last_stage and left < solver.leave_px * min(sigma, 1)):
                 # too small a step to be worth a trial
                 T[:] = trial_T
-                if gives and balance > 0:
-                    yielded(H_planes, b_planes, P, slack, moves, room, step, slack_trial)
+                if gives:
+                    yielded(slack, room, step, slack_trial)
                     slack[:] = slack_trial
                 row[6] = 1
                 reason = CONVERGED
@@ -4647,8 +4701,10 @@ def align(
                 row[7] = its_cost  # the same step would be rejected again
             else:
                 copy_matches(matches, trial)
+                if gives:
+                    yielded(slack, room, longer if stretches else step, slack_trial)
                 if rolls:
-                    unroll_points(points, trial_T, lag, moved)
+                    unroll_points(points, trial_T, lag, slack_trial, moved)
                 trial_count = warp_and_match(
                     grid,
                     nearby,
@@ -4680,10 +4736,8 @@ def align(
                 near_trial_count = near_count
                 if m > 0:
                     trial_there = lagged(trial_T, lag)
-                    if gives and balance > 0:
-                        taken_step = longer if stretches else step
-                        yielded(H_planes, b_planes, P, slack, moves, room, taken_step, slack_trial)
-                        trial_there = product(exp_se3(slack_trial), trial_there)
+                    if gives:
+                        trial_there = product(exp_se3(lag.bend * slack_trial), trial_there)
                     short = change * (solver.max_stretch if stretches else 1.0) < solver.kept_px
                     if stage == last_stage and short:
                         invert(there, back)
@@ -4695,8 +4749,8 @@ def align(
                 if balance > 0:
                     off = plane_cost(near_trial, near_trial_count, asked, sigma_d)
                     row[7] += apart * balance / n * off
-                    if gives:
-                        row[7] += believed * product_in(lag.steady, slack_trial, slack_trial)
+                if gives:
+                    row[7] += believed * product_in(lag.steady, slack_trial, slack_trial)
             if row[7] < cost:
                 row[6] = 1
                 before = 0.0 if stretches else change
@@ -4709,7 +4763,7 @@ def align(
                 residuals[:] = trial_residuals
                 near, near_trial = near_trial, near
                 near_count = near_trial_count
-                if gives and balance > 0:
+                if gives:
                     slack[:] = slack_trial
                 if m > 0:
                     there = trial_there.copy()  # which may be the pose itself
@@ -4737,7 +4791,7 @@ def align(
             if every > ALL:
                 matches.bound[:] = 0
                 if rolls:
-                    unroll_points(points, T, lag, moved)
+                    unroll_points(points, T, lag, slack, moved)
                 count = warp_and_match(
                     grid,
                     nearby,
@@ -4753,10 +4807,17 @@ def align(
                     residuals,
                 )
             if apart > ALL and m > 0:
-                there = product(exp_se3(slack), lagged(T, lag))
+                there = product(exp_se3(lag.bend * slack), lagged(T, lag))
                 near_count = match_planes(planes, surface, camera, there, term, near)
             break
     orthonormalize(T)
+    if lag.bends.size > 0 and whole[0, 0] > 0:  # rows tell what they tell, wherever they were
+        for i in range(6):
+            for j in range(6):
+                C[i, j] = moves * lag.bend * scale * H_planes[i, j]
+                K[i, j] = lag.bend**2 * scale * H_planes[i, j] + counts * lag.steady[i, j]
+        give_way(C, K, g, room, whole, b)
+        H[:] = whole
     packed = place(0)
     for i in range(n):
         k = matches.edge[i]

@@ -236,7 +236,7 @@ class Locator:
             return seen
         T_last_cur = se3.inverse(self.mender.last_pose(alignment)) @ alignment.T_ref_cur
         period = course.period(timestamp)
-        return self._instants.settled(seen, T_last_cur, period, alignment.T_cam_points)
+        return self._instants.settled(seen, T_last_cur, period, alignment)
 
     def _known(self, seen: Seen, starts: NDArray[np.float64]) -> Alignment | None:
         """What `align` has found of that frame, from the same starts."""

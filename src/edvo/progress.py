@@ -33,8 +33,8 @@ class Step(NamedTuple):
     period : float
         Seconds since the last pose that is not a guess.
     velocity : ndarray of float64, shape (6,), or None
-        Of the camera, in its own frame, 1/s: since the last pose, or as a lost one was found with;
-        None where that is not known.
+        Of the camera, in its own frame, 1/s: since the last pose, or at the frame, where that is
+        told, or as a lost one was found with; None where it is not known.
     covariance : ndarray of float64, shape (6, 6), or None
         Of ``T_key_cur``, as the registration tells it; None where nobody asks.
     told : ndarray of float64, shape (6, 6), or None
@@ -121,7 +121,7 @@ class Progress:
         follows = course.follows(timestamp) and found is None
         covariance, by_depth = self._covariance(registered, alignment)
         self._move(timestamp, alignment, covariance, T_last_cur, seconds, period, follows=follows)
-        velocity = course.velocity if follows else None
+        velocity = course.velocity + alignment.faster / period if follows else None
         if found is not None:
             velocity = found.velocity
             course.velocity = np.zeros(6) if velocity is None else velocity

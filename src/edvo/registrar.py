@@ -144,4 +144,4 @@ class Registrar:
             return AT_ONCE
         period = course.period(timestamp)
         lag = self._instants.lag(seen, course.key, course.T_key_last, period, course.velocity)
-        return self._instants.depth.slackened(lag, seen, period, course.acceleration)
+        return self._instants.slackened(lag, seen, period, course.acceleration)

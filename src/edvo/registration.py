@@ -21,7 +21,8 @@ from edvo.robust import TUNING, WEIGHTS
 
 RESIDUALS = {"divergence": kernels.SIGNED, "distance": kernels.DISTANCE}
 AGREEING = math.cos(math.radians(45))  # of gradients, even if the camera has rolled a little
-AT_ONCE = kernels.Lag(0.0, np.eye(4), np.eye(4), np.empty(0), np.empty(0), np.empty((0, 0)))
+NONE = np.empty(0)
+AT_ONCE = kernels.Lag(0.0, 0.0, np.eye(4), np.eye(4), NONE, NONE, NONE, np.empty((0, 0)))
 # Edges that err together, or by far more than they scatter: so many as one. What is known of by how
 # much depth may be elsewhere counts so many times as much against them.
 AS_ONE = 40.0
@@ -139,8 +140,9 @@ class Alignment:
     is_stale : bool
         Whether its depth is that of the frame before, and says nothing of it.
     slack : ndarray of float64, shape (6,)
-        By how much depth lies elsewhere than the camera's velocity puts it: left perturbation
-        [v, w] of where it was taken, metres and radians; 0 where that was not asked.
+        What an acceleration moves the camera by in the square of the time since the last image: a
+        left perturbation [v, w], metres and radians, of which depth and rows lie elsewhere by
+        ``lag.bend`` and ``lag.bends``; 0 where that was not asked.
     slack_px2 : float
         What counted of ``lag.steady`` beside the edges: the square of what they err by, px^2.
     """
@@ -174,13 +176,25 @@ class Alignment:
     def T_cam_points(self) -> NDArray[np.float64] | None:
         """Where points of depth were found, (4, 4): maps those registered to the current camera.
 
-        None where no slack was asked.
+        None where depth has no slack.
         """
-        if not self.lag.steady.size:
+        if not self.lag.bend:
             return None
         there = kernels.lagged(self.T_ref_cur, self.lag)
         T: NDArray[np.float64] = se3.inverse(self.T_ref_cur) @ there
         return T
+
+    @property
+    def faster(self) -> NDArray[np.float64]:
+        """By how much faster the camera goes than since the last image, as rows tell, (6,).
+
+        [v, w] in its own frame, for each period since then: an acceleration over half of it.
+        """
+        if not self.lag.bends.size:
+            return np.zeros(6)
+        to_camera = se3.adjoint(se3.inverse(self.T_ref_cur))
+        faster: NDArray[np.float64] = to_camera @ self.slack / 2
+        return faster
 
     @property
     def outliers(self) -> float:
@@ -426,7 +440,7 @@ class Registration:
         )
         if lag.steady.size:
             there = kernels.lagged(T, lag)
-            apart = lag.T_depth_cam @ se3.inverse(there) @ se3.exp(slack) @ there
+            apart = lag.T_depth_cam @ se3.inverse(there) @ se3.exp(lag.bend * slack) @ there
             lag = lag._replace(T_depth_cam=apart)
         return Alignment(
             T_ref_cur=T,

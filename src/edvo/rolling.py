@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from edvo import kernels, se3
 from edvo.camera import Camera
 from edvo.edges import EdgePixels
-from edvo.measuring import Changes, Equations, Estimate, Moment
+from edvo.measuring import SHARED, Changes, Equations, Estimate, Moment
 from edvo.planes import camera_of
+from edvo.registration import AS_ONE
+from edvo.slack import bend_of
 
 EXPECTED_S = 0.02  # how long a readout takes, before anything is known (one sigma)
 LARGEST_S = 0.033  # that is believed: a frame of 30 a second
@@ -35,6 +37,8 @@ class RollingShutter:
         See ``MotionConfig.readout``.
     known : float, optional
         The readout, seconds, where by the rule it is known.
+    slack : str, optional
+        See ``MotionConfig.row_slack``.
 
     Attributes
     ----------
@@ -43,8 +47,14 @@ class RollingShutter:
     """
 
     def __init__(
-        self, camera: Camera, solver: kernels.Solver, rule: str, known: float = 0.0
+        self,
+        camera: Camera,
+        solver: kernels.Solver,
+        rule: str,
+        known: float = 0.0,
+        slack: str = "none",
     ) -> None:
+        self._gives = slack != "none"
         self._known = known if rule == "known" else None
         self._pinhole, self._solver = camera_of(camera), solver
         # distances have no sign that a velocity could change
@@ -63,6 +73,21 @@ class RollingShutter:
         seconds = self.estimate.value if self._known is None else self._known
         seconds = min(max(seconds, -LARGEST_S), LARGEST_S)
         return seconds if abs(seconds) > LEAST_S else 0.0
+
+    def bends(self, lag: kernels.Lag) -> NDArray[np.float64]:
+        """Say what rows are off by, of how an acceleration moves the camera in a period.
+
+        Parameters
+        ----------
+        lag : Lag
+            With its rows.
+
+        Returns
+        -------
+        ndarray of float64, shape (N,)
+            See `edvo.slack.bend_of`; empty where they are to lie where the velocity puts them.
+        """
+        return bend_of(lag.rows) if self._gives else NO_ROWS
 
     def rows(self, pixels: NDArray[np.float32]) -> NDArray[np.float64]:
         """Say when edges were seen, as against the middle of the image.
@@ -146,17 +171,25 @@ class RollingShutter:
         )
         to_reference = se3.adjoint(T)
         velocity = to_reference @ moment.velocity
+        # at the velocity of both steps, and as if nothing had been made up for
+        made_up = self._made_up(moment)
+        expected = moment.expected + alignment.faster / moment.period
+        unmade = -made_up * (to_reference @ expected)
+        gradient = b_row + H_rows @ unmade
+        if made_up and alignment.lag.bends.size:  # a hand's acceleration tells as well
+            times = 2 * moment.period / made_up  # that of its velocity, by rows: the linear part
+            P = SHARED / AS_ONE * (alignment.sigma_px * times) ** 2 * alignment.lag.steady
+            G = np.linalg.solve(H_rows + P, P).T
+            H_row, H_rows, gradient = G @ H_row, G @ H_rows, G @ gradient
         certainty = 0.0
         if key_velocity is not None:
             apart = velocity - key_velocity
-            shown = Equations(float(apart @ H_rows @ apart), 0.0, H_row @ apart, np.zeros(6))
+            shown = Equations(float(apart @ H_rows @ apart), 0.0, apart @ H_row, np.zeros(6))
             certainty = shown.certainty(alignment, SHARP_PX)
-        # at the velocity of both steps, and as if nothing had been made up for
-        unmade = -self._made_up(moment) * (to_reference @ moment.expected)
         change = self._changes.of(
             H_rows,
             np.array([velocity, unmade]),
-            b_row + H_rows @ unmade,
+            gradient,
             moment.keyframe,
             moment.period,
         )

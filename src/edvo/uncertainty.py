@@ -176,8 +176,9 @@ class Uncertainty:
         """
         told = self.parts(reference, samples, planes, points, term, alignment)
         sigma, C = _scale(alignment), np.empty((6, 6))
-        if alignment.lag.steady.size and alignment.depth_balance:
-            told = given_way(told, alignment.lag.steady, alignment.slack_px2)
+        lag = alignment.lag
+        if lag.bend and alignment.depth_balance:
+            told = given_way(told, lag.steady / lag.bend**2, alignment.slack_px2)
         given = told.curvature, told.blur, told.parts
         if not kernels.combine_parts(*given, DOUBT, _SHARES, sigma**4, PRIOR, C):
             C = combine(without_blur(told.curvature, told.blur), told.parts, sigma)
