@@ -51,6 +51,7 @@ DIRECTIONS = 8  # over a full turn: an edge from dark to bright is none from bri
 LINE_DIRECTIONS = 4  # of lines, whichever side is bright: as many as `summarise_edges` tells
 STRETCHED_PX = 0.1  # steps that change residuals by less (rms) do not tell how they go on
 SAME_STEP = 1e-5  # share of a step by which more damping shortens it that does not count yet
+SAME_SCALE = 0.1  # by which the scale of residuals may change before rows are coupled anew
 ASKED = 8  # one edge in so many tells how many stay by chance
 LOOK_UP, ROBUST, NORMAL = -1, 0, 1  # stages of a registration
 EDGE_BITS = 21  # of a key of a near map: which edge; the bits above say how far off it is,
@@ -4530,7 +4531,7 @@ def align(
     slack[:] = 0
     slack_trial, room = np.zeros(6), np.zeros((4, 6, 6))
     C, K, g = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros(6)
-    C_rows, K_rows, couples = np.zeros((6, 6)), np.zeros((6, 6)), False
+    C_rows, K_rows, couples, coupled_at = np.zeros((6, 6)), np.zeros((6, 6)), False, 0.0
     whole, counts, scale = np.zeros((6, 6)), 0.0, 0.0
     T[:] = starts[
         best_start(
@@ -4609,7 +4610,7 @@ def align(
         rejections, rejected, its_cost = 0, 0.0, 0.0
         sigma_d, balance, believed = 1.0, 0.0, np.float64(0.0)
         stale, follows, leaps = True, False, False
-        couples = lag.bends.size > 0  # once a stage: what rows couple hardly changes
+        coupled_at = 0.0  # the scale; what rows couple hardly changes as long as that does not
         before = 0.0  # what the last step has changed, if it was taken as it was
         reason = EXHAUSTED
         budget = solver.max_iterations
@@ -4625,6 +4626,8 @@ def align(
                     sigma = max(sigma, solver.first_sigma)
                 sigma = min(sigma, solver.max_sigma)
                 cost = mean_cost(residuals, count, taken, sigma, criterion.limit, solver)
+                couples = lag.bends.size > 0 and abs(sigma - coupled_at) > SAME_SCALE * coupled_at
+                coupled_at = sigma if couples else coupled_at
                 total = normal_equations(
                     camera,
                     solver,
@@ -4639,7 +4642,7 @@ def align(
                     K_rows,
                     g,
                 )
-                C[:], K[:], couples = C_rows, K_rows, False
+                C[:], K[:] = C_rows, K_rows
                 balance, scale = 0.0, 0.0
                 if near_count * apart >= term.min_points:
                     sigma_d = median_scale(near.residuals, near_count, MIN_PLANE_SIGMA)
@@ -4670,6 +4673,9 @@ def align(
                     cost += believed * product_in(lag.steady, slack, slack)
                 stale = False
             if not solve_damped(H, b, damping, step):
+                if lag.bends.size > 0 and not couples:  # of weights that are no longer so
+                    stale, coupled_at = True, 0.0
+                    continue
                 reason = SINGULAR
                 break
             change = np.sqrt(max(product_in(H, step, step), 0.0) / max(total, 1e-30))
