@@ -185,8 +185,8 @@ def test_where_no_velocity_leads_a_covariance_stays_as_it_is(rolled):
     stream = Stream(frames=frames[:10], camera=camera)
     later = replace(frames[11], timestamp=frames[11].timestamp + 1.0)
     stream.odometry.track(later)
-    covariance, period = stream.given[0], stream.given[-1]
-    assert period is None
+    covariance, velocity = stream.given[0], stream.given[-1]
+    assert velocity is None
     np.testing.assert_array_equal(
         stream.odometry._progress._timing.widened(*stream.given), covariance
     )

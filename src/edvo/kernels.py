@@ -4661,6 +4661,8 @@ def align(
                             H[i, j] += moves * told
                             C[i, j] += lag.bend * told
                             K[i, j] += lag.bend * lag.bend * scale * H_planes[i, j]
+                if gives and balance == 0 and lag.bends.size == 0:
+                    slack[:] = 0  # of a stage whose depth counted
                 if gives:
                     counts = (sigma**2 + term.edge_doubt**2) / every
                     for i in range(6):
@@ -4785,6 +4787,8 @@ def align(
                 rejected, its_cost, before = change, row[7], 0.0
                 damping *= solver.damping_up
                 rejections += 1
+                if lag.bends.size > 0 and not couples:
+                    stale, coupled_at = True, 0.0
                 leaps = rejections == 1 and nearby.keys.size > 0 and solver.max_stretch > 1
                 if rejections > solver.max_rejections:
                     reason = STALLED

@@ -120,16 +120,19 @@ class Progress:
         period = seconds if course.is_blind else course.period(timestamp)
         follows = course.follows(timestamp) and found is None
         covariance, by_depth = self._covariance(registered, alignment)
-        self._move(timestamp, alignment, covariance, T_last_cur, seconds, period, follows=follows)
-        velocity = course.velocity + alignment.faster / period if follows else None
+        went = timestamp, alignment, covariance, T_last_cur, seconds, period
+        is_plain = self._move(*went, follows=follows) and not course.is_blind
+        velocity = course.velocity if follows else None
+        if velocity is not None and is_plain:
+            velocity = velocity + alignment.faster / period
         if found is not None:
             velocity = found.velocity
             course.velocity = np.zeros(6) if velocity is None else velocity
         told, loose = covariance, np.empty((0, 6))
         if covariance is not None:
             with self._clock("uncertainty"):
-                since = period if follows else None
-                told = self._timing.widened(covariance, registered, alignment, by_depth, since)
+                given = covariance, registered, alignment, by_depth
+                told = self._timing.widened(*given, period, velocity if follows else None)
                 loose = degenerate_directions(told)
         course.is_blind = False
         return Step(registered, period, velocity, covariance, told, loose, follows)
@@ -205,8 +208,11 @@ class Progress:
         period: float,
         *,
         follows: bool,
-    ) -> None:
-        """Move on to the pose found, or where hardly anything constrains it, as it was going."""
+    ) -> bool:
+        """Move on to the pose found, or where hardly anything constrains it, as it was going.
+
+        Returns whether it went there from the last one.
+        """
         course, inertia, held = self._course, self._inertia, None
         put_right = self._locator.mender.put_right(alignment)
         if put_right is not None:
@@ -216,7 +222,7 @@ class Progress:
             self.forget_way()
             course.leap(alignment.T_ref_cur)
             course.velocity = put_right.velocity
-            return
+            return False
         if covariance is not None:
             with self._clock("uncertainty"):
                 held = inertia.settle(
@@ -229,8 +235,9 @@ class Progress:
                 )
         if held is not None:
             course.drift(held, inertia.velocity)
-            return
+            return False
         closes = follows and course.stood is not None  # a gap, by a step that is no speed
         course.step(alignment.T_ref_cur, T_last_cur, seconds)
         if closes:
             course.velocity = inertia.velocity.copy()
+        return not closes

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from edvo import kernels, se3
 from edvo.camera import Camera
 from edvo.edges import EdgePixels
-from edvo.measuring import SHARED, Changes, Equations, Estimate, Moment
+from edvo.measuring import Changes, Equations, Estimate, Moment
 from edvo.planes import camera_of
-from edvo.registration import AS_ONE
 from edvo.slack import bend_of
 
 EXPECTED_S = 0.02  # how long a readout takes, before anything is known (one sigma)
@@ -171,25 +170,18 @@ class RollingShutter:
         )
         to_reference = se3.adjoint(T)
         velocity = to_reference @ moment.velocity
-        # at the velocity of both steps, and as if nothing had been made up for
-        made_up = self._made_up(moment)
-        expected = moment.expected + alignment.faster / moment.period
-        unmade = -made_up * (to_reference @ expected)
-        gradient = b_row + H_rows @ unmade
-        if made_up and alignment.lag.bends.size:  # a hand's acceleration tells as well
-            times = 2 * moment.period / made_up  # that of its velocity, by rows: the linear part
-            P = SHARED / AS_ONE * (alignment.sigma_px * times) ** 2 * alignment.lag.steady
-            G = np.linalg.solve(H_rows + P, P).T
-            H_row, H_rows, gradient = G @ H_row, G @ H_rows, G @ gradient
         certainty = 0.0
         if key_velocity is not None:
             apart = velocity - key_velocity
-            shown = Equations(float(apart @ H_rows @ apart), 0.0, apart @ H_row, np.zeros(6))
+            shown = Equations(float(apart @ H_rows @ apart), 0.0, H_row @ apart, np.zeros(6))
             certainty = shown.certainty(alignment, SHARP_PX)
+        # at the velocity of both steps, and as if nothing had been made up for
+        faster = moment.expected + alignment.faster / moment.period
+        unmade = -self._made_up(moment) * (to_reference @ faster)
         change = self._changes.of(
             H_rows,
             np.array([velocity, unmade]),
-            gradient,
+            b_row + H_rows @ unmade,
             moment.keyframe,
             moment.period,
         )

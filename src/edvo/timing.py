@@ -46,7 +46,8 @@ class Timing:
         seen: Seen,
         alignment: Alignment,
         by_depth: NDArray[np.float64],
-        period: float | None,
+        period: float,
+        velocity: NDArray[np.float64] | None,
     ) -> NDArray[np.float64]:
         """Add to a covariance what instants may make a pose off by.
 
@@ -60,27 +61,29 @@ class Timing:
             With the keyframe.
         by_depth : ndarray of float64, shape (6, 6)
             What depth tells; see `edvo.uncertainty.Parts`.
-        period : float or None
-            Seconds since the last frame; None where that is so long ago that no velocity is known.
+        period : float
+            Seconds since the last frame.
+        velocity : ndarray of float64, shape (6,), or None
+            Of the camera at the frame, 1/s; None where it is not known.
 
         Returns
         -------
         ndarray of float64, shape (6, 6)
         """
-        if period is None or not self._is_on:
+        if velocity is None or not self._is_on:
             return covariance
         course, instants = self._course, self._instants
         self._note(course.velocity, seen.frame.timestamp, period)
         before = instants.velocity_of(course.key)
         if before is None:  # it may have gone as fast then
-            before = se3.adjoint(alignment.T_ref_cur) @ course.velocity
+            before = se3.adjoint(alignment.T_ref_cur) @ velocity
         rolling, part = instants.rolling, np.empty((6, 6))
         kernels.instants_part(
             alignment.H,
             self._by_rows(seen, alignment),
             by_depth,
             alignment.T_ref_cur,
-            course.velocity,
+            velocity,
             before,
             self._changes,
             rolling.seconds,

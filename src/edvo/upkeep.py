@@ -163,9 +163,9 @@ class Upkeep:
                 if has_time:
                     with self._clock("registration"):
                         self._instants.go_on()
-                self._renew(velocity)
+                self._renew(self._course.velocity)
             else:  # it has made the keyframe, or, the second of all, been looked at more closely
-                self._renewal = velocity
+                self._renewal = self._course.velocity.copy()
         return T_key_cur, due
 
     def make(self, seen: Seen, index: int, velocity: NDArray[np.float64] | None) -> Keyframe:
