@@ -97,8 +97,11 @@ def rolled():
 def test_it_knows_what_instants_are_believed(rolled):
     camera, frames, _ = rolled
     stream = Stream(frames=frames, camera=camera)
-    _, seen, alignment, by_depth, period = stream.given
+    _, seen, alignment, by_depth, period, velocity = stream.given
     assert period == pytest.approx(PERIOD, abs=2e-3)
+    went = stream.odometry._course.velocity
+    np.testing.assert_allclose(velocity, went + alignment.faster / period, rtol=1e-12)
+    assert alignment.faster.any()
     odometry = stream.odometry
     timing, instants = odometry._progress._timing, odometry._instants
     assert 0.005 < instants.rolling.seconds < 0.033
@@ -131,7 +134,7 @@ def test_it_knows_what_instants_are_believed(rolled):
         by_rows,
         by_depth,
         alignment.T_ref_cur,
-        odometry._course.velocity,
+        velocity,
         before,
         changes,
         instants.rolling.seconds,
@@ -196,7 +199,7 @@ def test_what_is_not_known_of_a_keyframe_is_as_it_is_now(rolled, monkeypatch):
     camera, frames, _ = rolled
     stream = Stream(frames=frames, camera=camera)
     alignment = stream.given[2]
-    carried = se3.adjoint(alignment.T_ref_cur) @ stream.odometry._course.velocity
+    carried = se3.adjoint(alignment.T_ref_cur) @ stream.given[-1]
     parts = []
     for before in (None, carried, np.zeros(6)):
         monkeypatch.setattr(stream.odometry._instants, "velocity_of", lambda _, v=before: v)
