@@ -292,22 +292,35 @@ def clip(readout, frames=90):
     return [source.read(i).frame for i in range(frames)], source.ground_truth
 
 
-def follow(frames, truth, rule):
+@pytest.fixture(scope="module")
+def row_by_row():
+    return clip(READOUT)
+
+
+def follow(frames, truth, rule, *others):
     given = f"motion.readout={rule}", "status.torn=ignore"  # which rows that are late make them
+    given += others
     odometry = Odometry(CAMERA, Config().with_overrides(given))
     results = [odometry.track(frame) for frame in frames]
     assert {result.status for result in results} == {Status.TRACKED}
     return evaluate(truth, odometry.trajectory, len(frames)).rpe.rmse, odometry
 
 
-def test_a_readout_is_measured_and_made_up_for():
-    frames, truth = clip(READOUT)
+def test_a_readout_is_measured_and_made_up_for(row_by_row):
+    frames, truth = row_by_row
     at_once, _ = follow(frames, truth, "none")
     rmse, odometry = follow(frames, truth, "measured")
     assert 0.012 < odometry._instants.rolling.seconds < 0.038
     assert rmse < 0.85 * at_once
     odometry.reset()
     assert odometry._instants.rolling.seconds == 0.0
+
+
+def test_how_a_hand_accelerates_within_an_image_does_not_move_the_pose(row_by_row):
+    given = "known", f"motion.readout_s={READOUT}"
+    held, _ = follow(*row_by_row, *given, "motion.row_slack=none")
+    loose, _ = follow(*row_by_row, *given)
+    assert loose < 0.75 * held
 
 
 def test_where_all_rows_are_taken_at_once_no_readout_is_found():

@@ -11,7 +11,6 @@ from edvo.config import Config, MatchingConfig, MotionConfig, PlanesConfig, Regi
 from edvo.course import ACCELERATION_S, HAND, Course
 from edvo.delay import LEAST_SHARE, DepthDelay
 from edvo.edges import EdgePixels
-from edvo.evaluation import evaluate
 from edvo.exposure import Exposure
 from edvo.frame import Frame
 from edvo.instants import Instants
@@ -21,8 +20,6 @@ from edvo.registration import AS_ONE, AT_ONCE, Alignment, Registration
 from edvo.seen import Seen
 from edvo.slack import LEAST_SLACK, bend_of, slackened
 from edvo.synthesis.clock import Clock
-from edvo.synthesis.renderer import Shutter
-from edvo.trajectory import Trajectory
 from edvo.uncertainty import DOUBT, SHARES, Parts, given_way
 
 from . import problems
@@ -391,29 +388,6 @@ def test_late_depth_does_not_turn_the_pose_of_a_hand(hand_held):
     loose, square = follow(hand_held)
     assert loose < 0.75 * held
     assert 1.5 < square < 5.35  # the latter is the median of chi^2 of six
-
-
-@pytest.fixture(scope="module")
-def row_by_row():
-    """An office seen by a hand, whose rows are read in 25 ms."""
-    shutter = Shutter(exposure=0.0, steps=1, readout=0.025)
-    return problems.rendered(
-        "office", 60, camera=problems.CAMERA, speed=0.5, seed=1, shutter=shutter
-    )
-
-
-def test_how_a_hand_accelerates_within_an_image_does_not_move_the_pose(row_by_row):
-    camera, frames, truth = row_by_row
-    known = "motion.readout=known", "motion.readout_s=0.025"
-    times = [frame.timestamp for frame in frames]
-    way = Trajectory(np.array(times), np.array(truth), tuple(map(str, times)))
-    errors = []
-    for rule in ("none", "measured"):
-        changes = (*known, f"motion.row_slack={rule}")
-        odometry = Odometry(camera, Config().with_overrides(changes))
-        assert {odometry.track(frame).status for frame in frames} == {Status.TRACKED}
-        errors.append(evaluate(way, odometry.trajectory, 60).rpe.rmse)
-    assert errors[1] < 0.85 * errors[0]
 
 
 def test_paper_has_depth_and_rows_where_they_are():
