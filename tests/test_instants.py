@@ -166,6 +166,16 @@ def test_samples_and_points_are_moved_to_the_instant_of_the_image(problem):
     )
 
 
+def test_samples_go_by_the_velocity_at_the_image_and_points_where_they_were_found(problem):
+    instants, seen = problem.instants, problem.seen
+    know(instants)
+    found = SimpleNamespace(T_cam_points=se3.exp(np.full(6, 0.004)), faster=0.01 * VELOCITY)
+    settled = instants.settled(seen, se3.exp(VELOCITY * PERIOD), PERIOD, found)
+    samples = instants.rolling.unrolled(seen.samples, VELOCITY * (1 + 0.01 / PERIOD))
+    np.testing.assert_allclose(settled.samples.pixels, samples.pixels, atol=1e-3)
+    np.testing.assert_allclose(settled.T_cam_depth, found.T_cam_points, atol=1e-12)
+
+
 @pytest.mark.parametrize("readout", [READOUT, -READOUT])
 def test_rows_that_are_read_from_either_end_matter(problem, readout):
     instants, seen = problem.instants, problem.seen
