@@ -188,7 +188,8 @@ class Alignment:
     def faster(self) -> NDArray[np.float64]:
         """By how much faster the camera goes than since the last image, as rows tell, (6,).
 
-        [v, w] in its own frame, for each period since then: an acceleration over half of it.
+        [v, w] in its own frame, metres and radians a period since then: half of the slack. Zeros
+        where rows have none.
         """
         if not self.lag.bends.size:
             return np.zeros(6)
