@@ -1199,6 +1199,18 @@ def test_smallest_and_median_are_what_sorting_gives(values, data):
     np.testing.assert_array_equal(kernels.median(values), middle.mean())
 
 
+@settings(deadline=None)
+@given(st.lists(st.integers(-9, 9), min_size=1, max_size=60), st.data())
+def test_what_is_selected_is_what_sorting_gives(values, data):
+    values = np.array(values, float)  # many of them alike
+    k = data.draw(st.integers(0, len(values) - 1))
+    parted = values.copy()
+    assert kernels.select(parted, k) == np.sort(values)[k]
+    np.testing.assert_array_equal(np.sort(parted), np.sort(values))
+    assert (parted[:k] <= parted[k]).all()
+    assert (parted[k:] >= parted[k]).all()
+
+
 def test_kernels_that_count_no_references_keep_to_the_rules():
     """They make no array, return none, and call only their like: else memory is lost or freed."""
     tree = ast.parse(inspect.getsource(kernels))

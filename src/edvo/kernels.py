@@ -338,6 +338,65 @@ class Solver(NamedTuple):
     profile_spread: float  # times the usual change of a profile that halves a match; 0: not asked
 
 
+# --------------------------------------------------------------------------------------- arrays
+# An assignment to a slice takes numba a tenth of a second to compile, and so do what sorts or parts
+# numbers for numpy each several: these are written out.
+
+
+@lean
+def clear(target: F64) -> None:
+    """Overwrite numbers by 0."""
+    for i in range(place(target.size)):
+        target[i] = 0
+
+
+@lean
+def put(source: F64, target: F64) -> None:
+    """Overwrite the first numbers of an array by others."""
+    for i in range(place(source.size)):
+        target[i] = source[i]
+
+
+@lean
+def put_square(source: F64, target: F64) -> None:
+    """Overwrite a matrix by another."""
+    for i in range(place(source.shape[0])):
+        for j in range(place(source.shape[1])):
+            target[i, j] = source[i, j]
+
+
+@lean
+def greatest(values: F64) -> float:
+    """The largest of some numbers, 0 at least."""
+    most = 0.0
+    for i in range(place(values.size)):
+        most = max(most, values[i])
+    return most
+
+
+@compiled
+def select(values: F64, k: int) -> float:
+    """The k-th smallest of some numbers, from 0 on; what is before it, is less or equal then.
+
+    Hoare's: parted again and again, on the side that it is on.
+    """
+    first, last = 0, values.size - 1
+    while first < last:
+        pivot, i, j = values[(first + last) // 2], first, last
+        while i <= j:
+            while values[i] < pivot:
+                i += 1
+            while values[j] > pivot:
+                j -= 1
+            if i <= j:
+                values[i], values[j] = values[j], values[i]
+                i, j = i + 1, j - 1
+        if j < k < i:
+            break
+        first, last = (first, j) if k <= j else (i, last)
+    return float(values[k])
+
+
 # --------------------------------------------------------------------------------------- sensor
 
 
@@ -442,7 +501,9 @@ def row_slopes(grey: U8, dv: I16, step_v: int, step_u: int, least: int, slopes: 
                 total += grey[v, u]
                 count += 1
         if count >= least:
-            slope = np.median(some[:count])
+            slope = select(some[:count], count // 2)
+            if count % 2 == 0:
+                slope = (some[: count // 2].max() + slope) / 2
             up[k], down[k], means[k] = max(slope, 0.0), max(-slope, 0.0), total / count
     slopes[:] = 0
     if n < BAND_ROWS:
@@ -1988,12 +2049,12 @@ def carry_points(matches: PlaneMatches, count: int, T: F64, carried: PlaneMatche
     """
     n = place(count)
     warp_columns(matches.Y, n, T, carried.Y)
-    carried.residuals[:n] = matches.residuals[:n]
+    put(matches.residuals[:n], carried.residuals)
     for axis in range(3):
         normal = matches.normal[axis]
-        carried.normal[axis, :n] = normal[:n]
+        put(normal[:n], carried.normal[axis])
         add_along(normal, matches.Y[axis], carried.Y[axis], n, carried.residuals)
-    carried.point[:n] = matches.point[:n]
+    put(matches.point[:n], carried.point)
 
 
 @lean
@@ -2637,7 +2698,7 @@ def draw_informative(
                 adds = w * product_in(C, J, J)
                 if best < 0 or adds > gain:
                     gain, best, best_z, best_w = adds, at, z, w
-                    best_J[:] = J
+                    put(J, best_J)
                 at += 1
             if best < 0:
                 continue
@@ -3081,11 +3142,10 @@ def median_scale(residuals: F64, count: int, min_sigma: float) -> float:
         if bins[i] == middle:
             among[kept] = abs(residuals[i])
             kept += 1
-    among.sort()
-    median = among[half - below]
+    median = select(among, half - below)
     if count % 2 == 0:
         if half > below:
-            lower = among[half - below - 1]
+            lower = greatest(among[: half - below])
         else:
             for i in range(place(count)):
                 if bins[i] < middle:
@@ -3657,7 +3717,7 @@ def filter_pose(
     multiply_six(Ad, P[0], half)
     multiply_six(half, Ad.T, P[0])
     multiply_six(Ad, P[1], half)
-    P[1] = half
+    put_square(half, P[1])
     A, B, D = P[0], P[1], P[2]
     L, W, V = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
     square = seconds * seconds
@@ -4089,7 +4149,7 @@ def note_change(velocity: F64, share: float, last: F64, changes: F64) -> None:
         for j in range(6):
             square = (velocity[i] - last[i]) * (velocity[j] - last[j])
             changes[i, j] += share * (square - changes[i, j])
-    last[:] = velocity
+    put(velocity, last)
 
 
 @lean
@@ -4281,7 +4341,7 @@ def descend_on_planes(
         multiply(exp_se3(twist), T, trial)
         found = match_planes(planes, points, camera, trial, term, tried)
         if plane_cost(tried, found, m, sigma) < cost:
-            T[:] = trial
+            put_square(trial, T)
             count, near, tried = found, tried, near
             damping, rejections = damping * solver.damping_down, 0
             if np.abs(along).max() < stop:
@@ -4310,11 +4370,12 @@ def new_matches(n: int) -> Matches:
 @compiled
 def copy_matches(source: Matches, target: Matches) -> None:
     """Overwrite the matches of one set by another's; where that puts them is left to the warp."""
-    target.edge[:] = source.edge
-    target.query[:] = source.query
-    target.bound[:] = source.bound
-    target.trust[:] = source.trust
-    target.judged[:] = source.judged
+    put(source.edge, target.edge)
+    for i in range(place(source.edge.size)):
+        target.query[i, 0], target.query[i, 1] = source.query[i, 0], source.query[i, 1]
+    put(source.bound, target.bound)
+    put(source.trust, target.trust)
+    put(source.judged, target.judged)
 
 
 @compiled
@@ -4528,27 +4589,26 @@ def align(
     H_planes, b_planes = np.zeros((6, 6)), np.zeros(6)
     near_count, sigma_d, balance = 0, 1.0, 0.0
     gives = lag.steady.size > 0  # the camera may not have gone on as it went
-    slack[:] = 0
+    clear(slack)
     slack_trial, room = np.zeros(6), np.zeros((4, 6, 6))
     C, K, g = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros(6)
     C_rows, K_rows, couples, coupled_at = np.zeros((6, 6)), np.zeros((6, 6)), False, 0.0
     whole, counts, scale = np.zeros((6, 6)), 0.0, 0.0
-    T[:] = starts[
-        best_start(
-            grid,
-            nearby,
-            points,
-            gradients,
-            camera,
-            starts,
-            robust if first_stage == ROBUST else normal,
-            solver,
-            stride,
-            matches,
-            trial,
-            residuals,
-        )
-    ]
+    best = best_start(
+        grid,
+        nearby,
+        points,
+        gradients,
+        camera,
+        starts,
+        robust if first_stage == ROBUST else normal,
+        solver,
+        stride,
+        matches,
+        trial,
+        residuals,
+    )
+    put_square(starts[best], T)
     reason, iterations, count = EXHAUSTED, 0, 0
     rolls = lag.rows.size > 0
     moved = np.empty_like(points) if rolls else points
@@ -4578,7 +4638,7 @@ def align(
             if i % every > 0:
                 matches.edge[i] = NO_MATCH  # of a stage that took others
         if started:
-            matches.bound[:] = 0  # what held under one criterion need not under another
+            clear(matches.bound)  # what held under one criterion need not under another
         started = True
         if rolls:
             unroll_points(points, T, lag, slack, moved)
@@ -4642,7 +4702,8 @@ def align(
                     K_rows,
                     g,
                 )
-                C[:], K[:] = C_rows, K_rows
+                put_square(C_rows, C)
+                put_square(K_rows, K)
                 balance, scale = 0.0, 0.0
                 if near_count * apart >= term.min_points:
                     sigma_d = median_scale(near.residuals, near_count, MIN_PLANE_SIGMA)
@@ -4662,14 +4723,14 @@ def align(
                             C[i, j] += lag.bend * told
                             K[i, j] += lag.bend * lag.bend * scale * H_planes[i, j]
                 if gives and balance == 0 and lag.bends.size == 0:
-                    slack[:] = 0  # of a stage whose depth counted
+                    clear(slack)  # of a stage whose depth counted
                 if gives:
                     counts = (sigma**2 + term.edge_doubt**2) / every
                     for i in range(6):
                         for j in range(6):
                             K[i, j] += counts * lag.steady[i, j]
                             g[i] += counts * lag.steady[i, j] * slack[j]
-                    whole[:] = H
+                    put_square(H, whole)
                     give_way(C, K, g, room, H, b)
                     believed = 0.5 / n * (1 + (term.edge_doubt / sigma) ** 2)
                     cost += believed * product_in(lag.steady, slack, slack)
@@ -4691,16 +4752,17 @@ def align(
                 enough = min(solver.stop_px, solver.stop_share * sigma)
             if change < enough or (stage == last_stage and left < solver.leave_px * min(sigma, 1)):
                 # too small a step to be worth a trial
-                T[:] = trial_T
+                put_square(trial_T, T)
                 if gives:
                     yielded(slack, room, step, slack_trial)
-                    slack[:] = slack_trial
+                    put(slack_trial, slack)
                 row[6] = 1
                 reason = CONVERGED
                 break
             stretches = leaps
             if leaps:
-                longer[:] = solver.max_stretch * step
+                for i in range(6):
+                    longer[i] = solver.max_stretch * step[i]
             elif follows and change > STRETCHED_PX:
                 stretches = stretch_step(H, step, last, went, solver.max_stretch, longer)
             if stretches:
@@ -4762,17 +4824,17 @@ def align(
             if row[7] < cost:
                 row[6] = 1
                 before = 0.0 if stretches else change
-                last[:] = step
-                went[:] = longer if stretches else step
+                put(step, last)
+                put(longer if stretches else step, went)
                 follows = solver.max_stretch > 1
-                T[:] = trial_T
+                put_square(trial_T, T)
                 count = trial_count
                 matches, trial = trial, matches
-                residuals[:] = trial_residuals
+                put(trial_residuals, residuals)
                 near, near_trial = near_trial, near
                 near_count = near_trial_count
                 if gives:
-                    slack[:] = slack_trial
+                    put(slack_trial, slack)
                 if m > 0:
                     there = trial_there.copy()  # which may be the pose itself
                 damping *= solver.damping_down
@@ -4799,7 +4861,7 @@ def align(
         if stage < last_stage and iterations >= solver.max_iterations:
             reason = EXHAUSTED  # the stage that finishes has had no turn
             if every > ALL:
-                matches.bound[:] = 0
+                clear(matches.bound)
                 if rolls:
                     unroll_points(points, T, lag, slack, moved)
                 count = warp_and_match(
@@ -4827,7 +4889,7 @@ def align(
                 C[i, j] = moves * lag.bend * scale * H_planes[i, j]
                 K[i, j] = lag.bend**2 * scale * H_planes[i, j] + counts * lag.steady[i, j]
         give_way(C, K, g, room, whole, b)
-        H[:] = whole
+        put_square(whole, H)
     packed = place(0)
     for i in range(n):
         k = matches.edge[i]
@@ -5017,7 +5079,7 @@ def chamfer_search(
         few = cells[: (cells.size + 3) // 4]
         for s in range(starts.shape[0]):
             values[s] = chamfer_score(chamfer, starts[s], few)
-        bar = np.partition(values, values.size - asked)[values.size - asked]
+        bar = select(values.copy(), values.size - asked)
     for s in range(starts.shape[0]):
         if starts.shape[0] <= asked or values[s] >= bar:
             values[s] = chamfer_score(chamfer, starts[s], cells)
@@ -5041,7 +5103,7 @@ def chamfer_search(
                 away += (starts[s, i, 3] - found[k, i, 3]) ** 2
             near = near or (trace > most_trace and away < apart_m * apart_m)
         if not near:
-            found[count] = starts[s]
+            put_square(starts[s], found[count])
             scores[count] = values[s]
             count += 1
         values[s] = -1.0
@@ -5053,18 +5115,18 @@ def chamfer_search(
             length = (step_m if axis < 3 else step_rad) / 2**halving
             for side in range(2):
                 twist[axis] = length if side else -length
-                steps[2 * axis + side] = exp_se3(twist)
+                put_square(exp_se3(twist), steps[2 * axis + side])
             twist[axis] = 0
         for k in range(count):
             for _ in range(rounds):
-                here[:] = found[k]
+                put_square(found[k], here)
                 climbed = False
                 for way in range(12):
                     multiply(here, steps[way], T)
                     score = chamfer_score(chamfer, T, cells)
                     if score > scores[k]:
                         scores[k], climbed = score, True
-                        found[k] = T
+                        put_square(T, found[k])
                 if not climbed:
                     break
     return count
@@ -5676,7 +5738,7 @@ def splat_depth(
     origin, right, below = np.empty((3, cols)), np.empty((3, cols)), np.empty((3, cols))
     image[:] = np.float32(np.inf)
     for row in range(depth.shape[0]):
-        z[:] = depth[row]
+        put(depth[row], z)
         project_row(z, rays, row, 0, shift, camera, lens, fold, origin)
         project_row(z, rays, row, 1, shift, camera, lens, fold, right)
         project_row(z, rays, row + 1, 0, shift, camera, lens, fold, below)
