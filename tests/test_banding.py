@@ -187,8 +187,8 @@ def test_a_plain_wall_is_followed_in_banded_light(wall, rule):
         assert np.mean(tracked) < 0.5
 
 
-def test_nothing_is_left_to_be_compiled_when_a_lamp_flickers(monkeypatch, wall):
-    kernel = problems.compiled_by_warm_up(monkeypatch, "take_off_slopes")
+def test_nothing_is_left_to_be_compiled_when_a_lamp_flickers(wall):
+    kernel = problems.compiled_by_warm_up("take_off_slopes")
     before = [len(each.signatures) for each in (kernel, kernels.row_slopes)]
     frame = bands(wall[1][0], np.random.default_rng(0))
     for image in (frame.grey, frame.grey.copy()):

@@ -303,7 +303,9 @@ def extract_edges(
     EdgeImage
     """
     buffers = buffers or EdgeBuffers(*grey.shape)
+    grey = _sealed(grey)
     quiet, variance = quieted(grey, config.max_noise)
+    quiet = _sealed(quiet)
     slopes(quiet, config, buffers, blind, passes)
     if config.bands == "removed" and not passes:  # else edges are as wide as bands
         buffers.bands.remove(quiet, buffers.dv, config.grey_steps)
@@ -319,6 +321,13 @@ def extract_edges(
         scales = scales._replace(faint=scales.usual)
     image = _canny_edges(config, buffers, scales.faint if faint else scales.usual)
     return as_blurred(image, scales=scales)
+
+
+def _sealed(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """View an image that may be written to as one that may not: kernels are compiled for these."""
+    view = image.view()
+    view.flags.writeable = False
+    return view
 
 
 def edges_to_keep(

@@ -82,14 +82,11 @@ def warm_up(config: Config) -> None:
     buffers = EdgeBuffers(height, width)
     faint = replace(extract_edges(grey, config.edges, buffers), scale=0.7, scales=Scales(1.0, 0.5))
     edges_to_keep(faint, config.edges, buffers, 1.0)
-    # and images that are smeared: those of frames, which nobody may write to, and noisy ones
-    for image in (frame.grey, grey):
-        extract_edges(image, config.edges, buffers, passes=1)
+    # and images that are smeared
+    extract_edges(grey, config.edges, buffers, passes=1)
     # and bands that a lamp makes of rows
     bands = np.repeat((120 + 40 * np.sin(np.arange(height) / 12))[:, None], width, axis=1)
-    banded = bands.astype(np.uint8)
-    for image in (Frame(0.0, banded, depth).grey, banded):
-        extract_edges(image, config.edges)
+    extract_edges(bands.astype(np.uint8), config.edges)
     # and motion that has smeared them, which takes longer to be found
     known = ["motion.exposure=known", "motion.exposure_s=0.02", "registration.profile_spread=3"]
     Exposure(camera, config.with_overrides(known)).sharpness(described, np.zeros(6))
