@@ -15,7 +15,7 @@ _PATIENCE_S = 1.0
 def compile_now(config: Config) -> None:
     """Compile what a run will need, or load it from the cache."""
     once = ", once" if cache_folder() else "; set NUMBA_CACHE_DIR to a writable folder to keep it"
-    slow = Timer(_PATIENCE_S, note, [f"compiling{once}"])
+    slow = Timer(_PATIENCE_S, note, [f"compiling for a minute or two{once}"])
     slow.daemon = True
     try:
         with event.install_listener("numba:compile", _Starting(slow)):
