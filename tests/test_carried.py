@@ -122,9 +122,9 @@ def test_where_more_stays_by_chance_it_has_to_stay_more_often():
 # ------------------------------------------------------------------------------------- sequences
 
 
-def frames_of(scene, count=FRAMES):
+def frames_of(scene, **how):
     """Frames, and where they are in the camera of the first one."""
-    return problems.rendered(scene, count, speed=0.5, seed=1)
+    return problems.rendered(scene, FRAMES, speed=0.5, seed=1, **how)
 
 
 @pytest.fixture(scope="module")
@@ -214,7 +214,8 @@ def test_print_is_seen_past(panels):
 
 @pytest.mark.parametrize("scene", ["notexture_far", "texture_near", "corridor"])
 def test_of_a_clean_image_nothing_is_left_out(scene, panels):
-    sequence = panels if scene == "notexture_far" else frames_of(scene)
+    small = problems.CAMERA
+    sequence = panels if scene == "notexture_far" else frames_of(scene, camera=small)
     off, tracked, _, shown = followed(sequence, lambda frame: (frame, np.zeros(1, bool)))
     assert shown is None
     assert tracked.all()

@@ -20,7 +20,8 @@ BEFORE = 8  # frames, before another light makes a keyframe of its own
 @pytest.fixture(scope="module")
 def walk():
     """Frames of a walk, and where they are in the camera of the first one."""
-    source = SyntheticSource(make_recipe("office", frames=BEFORE + 3, seed=3))
+    recipe = make_recipe("office", frames=BEFORE + 3, camera=problems.CAMERA, seed=3)
+    source = SyntheticSource(recipe)
     frames = [source.read(i).frame for i in range(len(source))]
     truth = [source.ground_truth.at(frame.timestamp) for frame in frames]
     return source.camera, frames, [se3.inverse(truth[0]) @ T for T in truth]

@@ -60,7 +60,8 @@ def test_where_a_place_is_not_as_sure_the_wider_bound_counts(most, far):
 
 
 def test_frames_that_come_seldom_are_held_to_the_wider_bound():
-    source = SyntheticSource(make_recipe("office", frames=60, speed=0.4))
+    recipe = make_recipe("office", frames=60, camera=problems.CAMERA, speed=0.4)
+    source = SyntheticSource(recipe)
     frames = [source.read(k).frame for k in range(0, 60, 8)]  # every 0.27 s, 0.1 m
 
     def keyframes(*changes):

@@ -129,7 +129,8 @@ def test_a_quiet_image_stays_as_it_is():
 
 @pytest.fixture(scope="module")
 def panels():
-    source = SyntheticSource(make_recipe("notexture_far", frames=20, seed=3))
+    recipe = make_recipe("notexture_far", frames=20, camera=problems.CAMERA, seed=3)
+    source = SyntheticSource(recipe)
     frames = [source.read(index).frame for index in range(20)]
     spoiled = [
         replace(frame, grey=noisy(frame.grey, 10.0, seed)) for seed, frame in enumerate(frames)

@@ -27,7 +27,8 @@ SEEN, COVERED_S = 40, 2.0
 @pytest.fixture(scope="module", params=["stairs", "office"])
 def walk(request):
     """Frames of a walk: of stairs, whose steps are alike, or round a desk."""
-    source = SyntheticSource(make_recipe(request.param, frames=SEEN, seed=3))
+    recipe = make_recipe(request.param, frames=SEEN, camera=problems.CAMERA, seed=3)
+    source = SyntheticSource(recipe)
     frames = [source.read(i).frame for i in range(SEEN)]
     truth = [source.ground_truth.at(frame.timestamp) for frame in frames]
     return source.camera, frames, [se3.inverse(truth[0]) @ T for T in truth]

@@ -81,7 +81,7 @@ def test_depth_alone_tells_nothing_of_edges():
 
 
 def test_a_camera_is_followed_by_what_tells_most():
-    source = SyntheticSource(make_recipe("office", frames=12))
+    source = SyntheticSource(make_recipe("office", frames=12, camera=problems.CAMERA))
     config = Config().with_overrides(["sampling.selection=informative", "sampling.count=400"])
     frames = [source.read(k).frame for k in range(12)]
     odometry = Odometry(source.camera, config)

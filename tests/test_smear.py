@@ -201,7 +201,8 @@ def test_a_still_image_of_texture_is_blurred_alike_from_frame_to_frame():
 @pytest.fixture(scope="module")
 def shaken():
     """Panels before a camera that is shaken: each image is smeared in another direction."""
-    source = SyntheticSource(make_recipe("notexture_far", frames=40, seed=3))
+    recipe = make_recipe("notexture_far", frames=40, camera=problems.CAMERA, seed=3)
+    source = SyntheticSource(recipe)
     frames = [source.read(index).frame for index in range(40)]
     return source, [replace(f, grey=smeared(f.grey, 60 + 40 * k)) for k, f in enumerate(frames)]
 

@@ -326,7 +326,8 @@ def test_it_moves_to_the_other_camera_as_errors_do():
 
 
 def test_the_odometry_gives_it_with_each_frame():
-    source = SyntheticSource(make_recipe("texture_near", frames=8, seed=4))
+    recipe = make_recipe("texture_near", frames=8, camera=problems.CAMERA, seed=4)
+    source = SyntheticSource(recipe)
     odometry = Odometry(source.camera)
     results = [odometry.track(source.read(i).frame) for i in range(len(source))]
     assert results[0].covariance is None

@@ -12,6 +12,8 @@ from edvo.odometry import Odometry, Status
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
 from edvo.witness import AGE_S, MAX_AGE_S, Rest, Surface, Witness, step_px
 
+from . import problems
+
 CAMERA = Camera(640, 480, 535.4, 539.2, 320.1, 247.6)
 BENT = Camera(640, 480, 517.3, 516.5, 318.6, 255.3, (0.2624, -0.9531, -0.0054, 0.0026, 1.1633))
 STILL = np.eye(4)
@@ -127,7 +129,7 @@ def test_it_is_asked_of_what_was_seen_a_moment_ago_and_not_long_ago() -> None:
 
 @pytest.fixture(scope="module")
 def crowd() -> SyntheticSource:
-    return SyntheticSource(make_recipe("crowd", frames=7, seed=3))
+    return problems.Remembered(make_recipe("crowd", frames=7, camera=problems.CAMERA, seed=3))
 
 
 def statuses(source: SyntheticSource, config: Config) -> list[Status]:
@@ -147,7 +149,8 @@ def test_where_people_take_the_pose_along_it_is_not_called_tracked(crowd: Synthe
 
 
 def test_where_nothing_moves_nobody_is_doubted() -> None:
-    source = SyntheticSource(make_recipe("stairs", frames=5, seed=3))
+    recipe = make_recipe("stairs", frames=5, camera=problems.CAMERA, seed=3)
+    source = SyntheticSource(recipe)
     assert set(statuses(source, Config())) == {Status.TRACKED}
 
 
