@@ -345,7 +345,7 @@ def test_what_is_made_up_for_stays_so_however_closely_depth_fits_by_then():
 # ------------------------------------------------------------------------------------- sequences
 
 
-def clip(scene, offset, frames=75):
+def clip(scene, offset, frames=60):
     clock = Clock(30.0, offset=-offset)
     recipe = make_recipe(scene, frames=frames, camera=CAMERA, speed=0.5, colour_clock=clock, seed=3)
     source = SyntheticSource(recipe)

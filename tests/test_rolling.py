@@ -279,7 +279,7 @@ def test_what_was_made_up_for_is_that_of_the_registration():
 # ------------------------------------------------------------------------------------- sequences
 
 
-def clip(readout, frames=75):
+def clip(readout, frames=60):
     recipe = make_recipe(
         "texture_near",
         frames=frames,
