@@ -19,7 +19,7 @@ from edvo.seen import Seen
 from edvo.witness import RISEN_S, Surface, Witness
 
 from . import problems
-from .test_witness import CAMERA, MOVED, STILL, noisy, room
+from .test_witness import CAMERA, MOVED, STILL, noisy, rays, room
 
 PERIOD = 1 / 30
 STEP = 0.008  # by which the box moves in a frame, m
@@ -34,15 +34,12 @@ AHEAD = se3.exp(np.array([0.002, 0, 0, 0, 0, 0]))  # of the camera, in a frame
 def painted(T_world_cam, box, timestamp):
     """A frame of the room of `test_witness`: a box in cloth before a wall with a few marks."""
     depth = room(T_world_cam, camera=CAMERA, box=box)
-    v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
-    ray = np.stack(
-        [(u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy, np.ones(u.shape)], axis=-1
-    )
-    X = (ray * depth[..., None]) @ T_world_cam[:3, :3].T + T_world_cam[:3, 3]
-    is_box = np.abs(X[..., 2] - 2) < 1e-4
+    X = T_world_cam[:3, :3] @ (rays(CAMERA) * depth.ravel()) + T_world_cam[:3, 3:]
+    X = X.reshape(3, *depth.shape)
+    is_box = np.abs(X[2] - 2) < 1e-4
     if box is not None:
-        X[is_box, 0] -= box
-    maps = np.moveaxis((X[..., :2] * 160 + 512).astype(np.float32), -1, 0)
+        X[0, is_box] -= box
+    maps = (X[:2] * 160 + 512).astype(np.float32)
     wall, cloth = (cv2.remap(image, *maps, cv2.INTER_LINEAR) for image in IMAGES)
     grey = np.where(is_box, cloth, wall).astype(np.uint8)
     return Frame(timestamp, grey, noisy(depth, round(timestamp / PERIOD)))
