@@ -1,5 +1,7 @@
 """Beginning anew: a lost camera that sees what it has never seen."""
 
+from copy import deepcopy
+
 import numpy as np
 import pytest
 
@@ -44,6 +46,12 @@ def later(frames, t):
     return shown
 
 
+@pytest.fixture(scope="module")
+def anew(office, elsewhere):
+    """What `lost_and_elsewhere` gives of a tracker as it is; not to be changed."""
+    return lost_and_elsewhere(office, elsewhere)
+
+
 def lost_and_elsewhere(office, elsewhere, *overrides, preset="default"):
     """See an office, nothing for a while, and another place."""
     odometry = Odometry(CAMERA, Config.preset(preset).with_overrides(overrides))
@@ -81,8 +89,8 @@ def test_images_are_held_against_one_another_from_how_fast_it_went_too(
     np.testing.assert_array_equal(second, [np.eye(4), se3.exp(velocity * period)])
 
 
-def test_what_did_not_follow_says_nothing_of_how_fast_it_goes(office, elsewhere, monkeypatch):
-    odometry, _ = lost_and_elsewhere(office, elsewhere)
+def test_what_did_not_follow_says_nothing_of_how_fast_it_goes(elsewhere, anew, monkeypatch):
+    odometry, _ = deepcopy(anew)
     chain = odometry._recovery._chain
     seen = [odometry._front_end.see(each, k) for k, each in enumerate(later(elsewhere[0][:4], 9.0))]
     keyframes = [odometry._front_end.keyframe(each, k, np.eye(4), 0) for k, each in enumerate(seen)]
@@ -99,8 +107,8 @@ def test_what_did_not_follow_says_nothing_of_how_fast_it_goes(office, elsewhere,
     assert chain._velocity is None
 
 
-def test_it_begins_anew_once_images_have_fitted_one_another_for_half_a_second(office, elsewhere):
-    _, results = lost_and_elsewhere(office, elsewhere)
+def test_it_begins_anew_once_images_have_fitted_one_another_for_half_a_second(anew):
+    _, results = anew
     assert [result.status for result in results[:15]] == [Status.LOST] * 15
     assert {result.status for result in results[16:]} == {Status.DEGRADED}
     assert {result.piece for result in results[16:]} == {1}
@@ -109,8 +117,8 @@ def test_it_begins_anew_once_images_have_fitted_one_another_for_half_a_second(of
     assert {result.reason for result in results[16:]} == {ANEW}
 
 
-def test_the_poses_of_a_piece_belong_together(office, elsewhere):
-    _, results = lost_and_elsewhere(office, elsewhere)
+def test_the_poses_of_a_piece_belong_together(elsewhere, anew):
+    _, results = anew
     times = np.array([result.timestamp for result in results])
     poses = np.array([result.T_world_cam for result in results])
     given = np.array([result.status is not Status.LOST for result in results])
@@ -119,8 +127,8 @@ def test_the_poses_of_a_piece_belong_together(office, elsewhere):
     assert np.count_nonzero(np.isfinite(speed)) > 25
 
 
-def test_it_begins_where_it_was_expected(office, elsewhere):
-    odometry, results = lost_and_elsewhere(office, elsewhere)
+def test_it_begins_where_it_was_expected(office, anew):
+    odometry, results = anew
     first = next(result for result in results if result.piece)
     known = se3.inverse(office[1][0]) @ office[1][-1]
     assert 0.01 < problems.error(known, first.T_world_cam)[0] < 0.5
@@ -164,8 +172,8 @@ def test_images_that_do_not_fit_one_another_begin_nothing(office, elsewhere):
     assert states == {Status.LOST}
 
 
-def test_a_piece_that_is_lost_is_no_hindrance_to_being_found(office, elsewhere):
-    odometry, results = lost_and_elsewhere(office, elsewhere)
+def test_a_piece_that_is_lost_is_no_hindrance_to_being_found(office, anew):
+    odometry, results = deepcopy(anew)
     t = results[-1].timestamp + PERIOD
     back = [odometry.track(frame) for frame in later([office[0][10]] * 40, t)]
     found = next(k for k, result in enumerate(back) if not result.piece)

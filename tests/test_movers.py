@@ -1,6 +1,7 @@
 """What moves in a small part of the view is left out, before it is much."""
 
 from contextlib import nullcontext
+from copy import deepcopy
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -312,17 +313,23 @@ def test_of_points_that_lie_together_one_is_kept():
 # ------------------------------------------------------------------------ what doubt does to it
 
 
-@pytest.fixture
-def doubting(passing):
-    """A tracker, some time after the first second, with what it asks `Movers`."""
+@pytest.fixture(scope="module")
+def after_a_second(passing):
+    """A tracker, some time after the first second, and its last alignment; not to be changed."""
     odometry = Odometry(CAMERA, Config())
-    frames = iter(passing[0])
-    results = [odometry.track(next(frames)) for _ in range(40)]
+    results = [odometry.track(frame) for frame in passing[0][:40]]
+    return odometry, results[-1].alignment
+
+
+@pytest.fixture
+def doubting(passing, after_a_second):
+    """The same, a copy for each test, with what it asks `Movers`."""
+    odometry, alignment = deepcopy(after_a_second)
     said = []
     of = odometry._doubt.movers
     of.note = lambda timestamp, *_: said.append("note")
     of.mind_doubt = lambda timestamp: said.append("doubt")
-    return odometry, next(frames), results[-1].alignment, said
+    return odometry, passing[0][40], alignment, said
 
 
 def asked(doubting, status):
