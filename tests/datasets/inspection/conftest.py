@@ -11,7 +11,7 @@ CAMERA = Camera(320, 240, 267.0, 267.0, 159.5, 119.5)
 
 
 def rendered(motion: str) -> Remembered:
-    recipe = make_recipe("office", frames=72, camera=CAMERA, trajectory=motion)
+    recipe = make_recipe("office", frames=48, camera=CAMERA, trajectory=motion)
     return Remembered(SyntheticSource(recipe, threads=2))
 
 

@@ -59,6 +59,12 @@ def rendered(request: pytest.FixtureRequest) -> Remembered:
     return source
 
 
+@pytest.fixture(scope="module")
+def sound(handheld: Remembered) -> dict[str, Finding]:
+    """What each check says of a recording that nothing is wrong with."""
+    return found(handheld)
+
+
 def lagging(count: int) -> Any:
     return np.maximum(np.arange(count) - 2, 0)
 
@@ -108,7 +114,7 @@ def test_wrong_scale_of_real_recordings(real: Remembered, factor: float) -> None
     assert "times as far as ground truth says" in warning
 
 
-@pytest.mark.parametrize("offset", [(8, 0), (-8, 0), (0, 8), (0, -8)])
+@pytest.mark.parametrize("offset", [(8, -8), (-8, 8)])
 def test_shifted_depth_of_real_recordings(real: Remembered, offset: tuple[int, int]) -> None:
     finding = check_registration(looks(Altered(real, moved(*offset))).frames)
     assert finding.warnings
@@ -275,17 +281,21 @@ def test_images_of_several_sizes_are_named(handheld: Remembered) -> None:
     assert warnings == ["frame 1 is 160 x 120, those before it 320 x 240: give images of one size"]
 
 
-def test_the_delay_of_depth_is_the_median_of_the_stamps(handheld: Remembered) -> None:
+def test_the_delay_of_depth_is_the_median_of_the_stamps(
+    handheld: Remembered, sound: dict[str, Finding]
+) -> None:
     frame = handheld.read(0).frame
     assert frame is not None
     late = [replace(frame, depth_delay=delay) for delay in (0.019, -0.004, 0.011)]
     finding = check_delay(late)
     assert finding.measured == {"median_s": 0.011}
     assert finding.verdict == "sound"
-    assert found(handheld)["depth delay"].measured == {"median_s": 0.0}
+    assert sound["depth delay"].measured == {"median_s": 0.0}
 
 
-def test_depth_that_repeats_is_counted_but_not_where_all_repeats(handheld: Remembered) -> None:
+def test_depth_that_repeats_is_counted_but_not_where_all_repeats(
+    handheld: Remembered, sound: dict[str, Finding]
+) -> None:
     frames = [handheld.read(i).frame for i in range(5)]
     assert not any(frame is None for frame in frames)
     new = [frame for frame in frames if frame is not None]
@@ -296,4 +306,4 @@ def test_depth_that_repeats_is_counted_but_not_where_all_repeats(handheld: Remem
         assert finding.measured == {"share": share}
         assert finding.verdict == "sound"
     assert check_repeats([[thumbnail(new[0])]]).verdict == "not observable"
-    assert found(handheld)["repeated depth"].measured == {"share": 0.0}
+    assert sound["repeated depth"].measured == {"share": 0.0}
