@@ -81,7 +81,7 @@ def test_collect_edges(rng, shape, share):
 @pytest.mark.parametrize("distorted", [False, True])
 def test_describe_edges(rng, distorted, finely):
     dx, dy = rng.integers(-1000, 1000, (2, 480, 640)).astype(np.int16)
-    mask = rng.random((480, 640)) < 0.02
+    mask = rng.random((480, 640)) < 0.005
     mask[[0, 0, -1, -1], [0, -1, 0, -1]] = True
     index = np.flatnonzero(mask & ((dx != 0) | (dy != 0))).astype(np.int32)
     table = LENS.undistortion_table() if distorted else np.empty((0, 0, 2), np.float32)
