@@ -201,7 +201,7 @@ def test_a_pose_that_was_sure_long_ago_is_no_help(walk):
 @pytest.fixture(scope="module")
 def out_of_step():
     """Frames of a camera that never rests, 16 ms from their depth, and stamped so."""
-    camera, clock = problems.CAMERA, Clock(30.0, offset=-0.016)
+    camera, clock = problems.CAMERA.scaled(0.5), Clock(30.0, offset=-0.016)
     recipe = make_recipe(
         "texture_near", frames=56, camera=camera, speed=2.0, colour_clock=clock, seed=3
     )
@@ -255,8 +255,8 @@ def test_how_fast_a_camera_is_found_to_go_is_told_by_the_frame_before(out_of_ste
 
 
 def test_only_a_frame_that_was_lost_just_before_tells_how_fast_it_goes(out_of_step):
-    _, frames, _ = out_of_step
-    odometry = Odometry(problems.CAMERA)
+    camera, frames, _ = out_of_step
+    odometry = Odometry(camera)
     odometry.track(frames[0])
     recovery = odometry._recovery
     other = [replace(frame, grey=frame.grey[::-1, ::-1].copy()) for frame in frames[:6]]
