@@ -322,7 +322,7 @@ def test_nothing_is_left_to_be_compiled_when_images_are_smeared():
 
 
 def test_the_exposure_of_a_camera_is_measured():
-    frames = clip(0.03, "notexture_near", speed=0.8)
+    frames = clip(0.03, "notexture_near", speed=0.8, frames=30)
     results, odometry = follow(frames, "edges.smear=measured")
     assert 0.012 < odometry.exposure < 0.035  # the most smeared edges are not found
     assert max(result.edge_passes for result in results) > 0
