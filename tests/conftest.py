@@ -17,9 +17,22 @@ settings.load_profile("edvo")
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# With nothing compiled yet a worker that begins with the one compiles the tracker for a minute or
-# more, and one that begins with the others the renderer: so no two compile the same.
-TRACKER, RENDERER = "cli/test_bad_input.py", "synthesis"
+# With nothing compiled yet the worker that begins with the first compiles the tracker for two
+# minutes. The other one compiles the renderer, and then goes on with what neither tracks nor looks
+# for edges: so no two compile the same.
+FIRST = (
+    "cli/test_bad_input.py",
+    "synthesis/",
+    "evaluation/",
+    "datasets/test_ros_bad.py",
+    "datasets/test_fetch_download.py",
+    "experiments/test_sequences.py",
+    "experiments/test_fig11.py",
+    "baselines/test_opencv.py",
+    "report/test_run_page.py",
+    "report/test_plots.py",
+    "test_camera.py",
+)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -28,9 +41,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def _turn(item: pytest.Item) -> int:
-    if item.path.as_posix().endswith(TRACKER):
-        return 0
-    return 1 if item.path.parent.name == RENDERER else 2
+    path = item.path.as_posix()
+    return next((k for k, part in enumerate(FIRST) if f"/tests/{part}" in path), len(FIRST))
 
 
 @pytest.fixture(scope="session")
