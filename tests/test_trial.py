@@ -20,8 +20,7 @@ from edvo.trial import FARTHEST, SAMPLES, STEP_S, STEPS, ReadoutTrial, Rolled
 from . import problems
 from .test_rolling import PERIOD, registration_of, rolled
 
-VGA = problems.VGA
-CAMERA = problems.CAMERA.scaled(0.5)  # of sequences, rendered and tracked the faster
+VGA, CAMERA = problems.VGA, problems.CAMERA
 READOUT = 0.02
 KEY_VELOCITY = np.array([0.2, -0.1, 0.1, 0.5, -0.9, 0.3])  # rad/s, and m/s
 VELOCITY = np.array([-0.1, 0.2, 0.1, -0.6, 0.7, -0.4])
