@@ -351,7 +351,7 @@ def clear(target: F64) -> None:
 
 
 @lean
-def put(source: F64, target: F64) -> None:
+def put(source: NDArray[Any], target: NDArray[Any]) -> None:
     """Overwrite the first numbers of an array by others."""
     for i in range(place(source.size)):
         target[i] = source[i]
