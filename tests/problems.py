@@ -272,12 +272,25 @@ def rendered(scene, count, **how):
     return source.camera, frames, [se3.inverse(truth[0]) @ T_world for T_world in truth]
 
 
-def compiled_by_warm_up(name):
-    """A kernel, warmed up."""
+def watched_by_warm_up(monkeypatch, *names):
+    """By the names of kernels, whether each image that they are given may be written to.
+
+    They are warmed up first. To numba images that may be are of another type than those of frames.
+    """
+    writeable = {name: [] for name in names}
+
+    def watch(name, kernel):
+        def spy(grey, *others):
+            writeable[name].append(grey.flags.writeable)
+            return kernel(grey, *others)
+
+        monkeypatch.setattr(kernels, name, spy)
+
+    for name in names:
+        watch(name, getattr(kernels, name))
     warm_up(Config())
-    kernel = getattr(kernels, name)
-    assert kernel.signatures
-    return kernel
+    assert all(writeable.values())  # each is called
+    return writeable
 
 
 def ways_forgotten(odometry, monkeypatch):

@@ -187,13 +187,16 @@ def test_a_plain_wall_is_followed_in_banded_light(wall, rule):
         assert np.mean(tracked) < 0.5
 
 
-def test_nothing_is_left_to_be_compiled_when_a_lamp_flickers(wall):
-    kernel = problems.compiled_by_warm_up("take_off_slopes")
-    before = [len(each.signatures) for each in (kernel, kernels.row_slopes)]
+def test_nothing_is_left_to_be_compiled_when_a_lamp_flickers(monkeypatch, wall):
+    names = "take_off_slopes", "row_slopes"
+    compiled = [getattr(kernels, name) for name in names]
+    writeable = problems.watched_by_warm_up(monkeypatch, *names)
+    before = [len(kernel.signatures) for kernel in compiled]
     frame = bands(wall[1][0], np.random.default_rng(0))
     for image in (frame.grey, frame.grey.copy()):
         extract_edges(image, Config().edges)
-    assert before == [len(each.signatures) for each in (kernel, kernels.row_slopes)]
+    assert before == [len(kernel.signatures) for kernel in compiled]
+    assert not any(map(any, writeable.values()))
 
 
 def test_images_blurred_by_more_keep_theirs(wall):

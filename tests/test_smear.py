@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from edvo import se3
+from edvo import kernels, se3
 from edvo.camera import Camera
 from edvo.config import Config, EdgesConfig
 from edvo.edges import extract_edges
@@ -152,13 +152,15 @@ def test_a_blur_of_another_size_is_taken_off(blur_px):
         assert smear.settle() == passes
 
 
-def test_nothing_is_left_to_be_compiled_when_images_are_smeared():
-    kernel = problems.compiled_by_warm_up("widely_blurred_gradients")
+def test_nothing_is_left_to_be_compiled_when_images_are_smeared(monkeypatch):
+    kernel = kernels.widely_blurred_gradients
+    writeable = problems.watched_by_warm_up(monkeypatch, "widely_blurred_gradients")
     before = len(kernel.signatures)
     grey = bars(1.0)
     for image in (grey, Frame(0.0, grey, np.ones(grey.shape, np.float32)).grey):
         profiles(image, passes=1)
     assert len(kernel.signatures) == before
+    assert not any(writeable["widely_blurred_gradients"])
 
 
 def still(grey):

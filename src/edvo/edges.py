@@ -324,7 +324,7 @@ def extract_edges(
 
 
 def _sealed(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """View an image that may be written to as one that may not: kernels are compiled for these."""
+    """View an image as one that may not be written to, as those of frames: to numba a type."""
     view = image.view()
     view.flags.writeable = False
     return view

@@ -339,8 +339,8 @@ class Solver(NamedTuple):
 
 
 # --------------------------------------------------------------------------------------- arrays
-# An assignment to a slice takes numba a tenth of a second to compile, and so do what sorts or parts
-# numbers for numpy each several: these are written out.
+# Arrays assigned to slices take numba a tenth of a second each to compile, and what sorts or parts
+# numbers by numpy several seconds: so this is written out.
 
 
 @lean
@@ -352,14 +352,14 @@ def clear(target: F64) -> None:
 
 @lean
 def put(source: NDArray[Any], target: NDArray[Any]) -> None:
-    """Overwrite the first numbers of an array by others."""
+    """Overwrite the first numbers of an array by others; nobody checks that it holds as many."""
     for i in range(place(source.size)):
         target[i] = source[i]
 
 
 @lean
 def put_square(source: F64, target: F64) -> None:
-    """Overwrite a matrix by another."""
+    """Overwrite a matrix by another of its size; nobody checks that it is."""
     for i in range(place(source.shape[0])):
         for j in range(place(source.shape[1])):
             target[i, j] = source[i, j]
@@ -376,9 +376,10 @@ def greatest(values: F64) -> float:
 
 @compiled
 def select(values: F64, k: int) -> float:
-    """The k-th smallest of some numbers, from 0 on; what is before it, is less or equal then.
+    """The k-th smallest of some numbers, none of them NaN, from 0 on.
 
-    Hoare's: parted again and again, on the side that it is on.
+    Reorders them: what is before it then is less or equal, and what is after it no less. By Hoare's
+    selection, which parts again and again the side that holds it.
     """
     first, last = 0, values.size - 1
     while first < last:
@@ -3117,7 +3118,7 @@ def student_scale(residuals: F64, count: int, nu: float, sigma: float, min_sigma
 def median_scale(residuals: F64, count: int, min_sigma: float) -> float:
     """Scale by the median absolute residual, consistent with a Gaussian.
 
-    A histogram tells which few of them have to be sorted for it. Its bins are shares of octaves:
+    A histogram tells which few of them have to be parted for it. Its bins are shares of octaves:
     what a single precision number has for leading bits, which keep the order.
     """
     if count == 0:
