@@ -275,7 +275,8 @@ def rendered(scene, count, **how):
 def watched_by_warm_up(monkeypatch, *names):
     """By the names of kernels, whether each image that they are given may be written to.
 
-    They are warmed up first. To numba images that may be are of another type than those of frames.
+    They are warmed up first. Images that may be written to, and those of frames, which may not, are
+    of two types to numba, and a kernel is compiled for each that it is given.
     """
     writeable = {name: [] for name in names}
 

@@ -324,7 +324,10 @@ def extract_edges(
 
 
 def _sealed(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """View an image as one that may not be written to, as those of frames: to numba a type."""
+    """View an image as one that nobody may write to, as a frame's: to numba that is another type.
+
+    So each kernel is compiled once, for whatever image of shape (H, W) and dtype uint8 is given.
+    """
     view = image.view()
     view.flags.writeable = False
     return view

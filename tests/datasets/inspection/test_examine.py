@@ -114,7 +114,7 @@ def test_wrong_scale_of_real_recordings(real: Remembered, factor: float) -> None
     assert "times as far as ground truth says" in warning
 
 
-@pytest.mark.parametrize("offset", [(8, -8), (-8, 8)])
+@pytest.mark.parametrize("offset", [(8, 0), (-8, 0), (0, 8), (0, -8)])
 def test_shifted_depth_of_real_recordings(real: Remembered, offset: tuple[int, int]) -> None:
     finding = check_registration(looks(Altered(real, moved(*offset))).frames)
     assert finding.warnings
