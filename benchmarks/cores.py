@@ -7,9 +7,10 @@ from statistics import median
 from tempfile import TemporaryDirectory
 
 from benchmarks.edvo_program import edvo, folder_of
-from benchmarks.machine import Others, cores
+from benchmarks.machine import Others
 from benchmarks.section import Bound, Section, Settings, table
 from edvo.config import Config
+from edvo.cores import usable_cores
 from edvo.datasets import open_source
 from edvo.frame import Frame
 from edvo.odometry import Odometry
@@ -50,8 +51,8 @@ def measure(settings: Settings) -> Section:
         "All frames of each sequence, preset `paper`. Processor time: of one thread that does "
         f"nothing else, median of {repeats} passes over all images, and over all `track` calls. "
         "Wall time: `wall_s` of `summary.json`, from the first image asked for to the last frame "
-        f"tracked, median of {repeats} runs of the command. This process may use {cores()} cores; "
-        "half of the processor time is what two could do it in, were nobody else "
+        f"tracked, median of {repeats} runs of the command. This process may use {usable_cores()} "
+        "cores; half of the processor time is what two could do it in, were nobody else "
         "there.\n\n" + table(header, rows)
     )
     return Section("Both cores", body, bounds)

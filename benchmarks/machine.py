@@ -10,6 +10,7 @@ import numba
 import numpy as np
 
 import edvo
+from edvo.cores import usable_cores
 
 
 def cpu_name() -> str:
@@ -20,13 +21,6 @@ def cpu_name() -> str:
             if line.startswith("model name"):
                 return line.partition(":")[2].strip()
     return platform.processor() or platform.machine()
-
-
-def cores() -> int:
-    """Count the cores this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 class Others:
@@ -65,7 +59,7 @@ class Others:
 def describe() -> dict[str, str]:
     """Say on what, with what and when."""
     return {
-        "processor": f"{cpu_name()}, {cores()} cores",
+        "processor": f"{cpu_name()}, {usable_cores()} cores",
         "system": f"{platform.system()} {platform.release().split('-')[0]}, {platform.machine()}",
         "Python": platform.python_version(),
         "edvo": edvo.__version__,

@@ -1,14 +1,22 @@
+import importlib
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 from threading import Event
+from typing import Any
 
 import pytest
 from numba.core import event
 
+from edvo import kernels
 from edvo.cli import compiling
 from edvo.config import Config
+from edvo.report import elsewhere
+from edvo.report.elsewhere import Elsewhere
+from edvo.report.warmup import warm_up
+from edvo.report.warmup_aside import is_registration_here, warm_up_registering
 
 
 @pytest.mark.slow
@@ -43,7 +51,9 @@ def test_says_so_only_if_it_takes_a_while(
     told: str,
 ) -> None:
     monkeypatch.setattr(compiling, "cache_folder", lambda: folder)
-    monkeypatch.setattr(compiling, "warm_up", lambda config: None)
+    monkeypatch.setattr(compiling, "is_registration_here", lambda: True)
+    monkeypatch.setattr(compiling, "warm_up_seeing", lambda config: None)
+    monkeypatch.setattr(compiling, "warm_up_tracking", lambda config: None)
     monkeypatch.setattr(compiling, "_PATIENCE_S", 60.0)
     compiling.compile_now(Config())
     assert capsys.readouterr().err == ""
@@ -55,7 +65,7 @@ def test_says_so_only_if_it_takes_a_while(
 
     monkeypatch.setattr(compiling, "note", say)
     monkeypatch.setattr(compiling, "_PATIENCE_S", 0.0)
-    monkeypatch.setattr(compiling, "warm_up", lambda config: noted.wait(0.5))
+    monkeypatch.setattr(compiling, "warm_up_tracking", lambda config: noted.wait(0.5))
     compiling.compile_now(Config())
     assert capsys.readouterr().err == ""  # nothing was compiled: it was loaded
 
@@ -63,6 +73,130 @@ def test_says_so_only_if_it_takes_a_while(
         with event.trigger_event("numba:compile"):
             noted.wait(60)
 
-    monkeypatch.setattr(compiling, "warm_up", compile_something)
+    monkeypatch.setattr(compiling, "warm_up_tracking", compile_something)
     compiling.compile_now(Config())
     assert told in capsys.readouterr().err
+
+
+class Told(Elsewhere):
+    """Says when it is started and waited for, and does nothing."""
+
+    def __init__(self, told: list[str]) -> None:
+        super().__init__(warm_up_registering)
+        self._told = told
+
+    def start(self) -> None:
+        self._told.append("start")
+
+    def wait(self) -> None:
+        self._told.append("wait")
+
+
+@pytest.mark.parametrize(
+    ("compiled", "here", "order"),
+    [
+        (True, False, ["see", "start", "wait", "track"]),
+        (False, False, ["see", "wait", "track"]),
+        (True, True, ["see", "wait", "track"]),
+    ],
+)
+def test_another_process_compiles_what_tracking_begins_with(
+    monkeypatch: pytest.MonkeyPatch, compiled: bool, here: bool, order: list[str]
+) -> None:
+    told: list[str] = []
+
+    def see(config: Config) -> None:
+        told.append("see")
+        for _ in range(2 * compiled):
+            with event.trigger_event("numba:compile"):
+                pass
+
+    monkeypatch.setattr(compiling, "registration_compiling_aside", lambda: Told(told))
+    monkeypatch.setattr(compiling, "is_registration_here", lambda: here)
+    monkeypatch.setattr(compiling, "warm_up_seeing", see)
+    monkeypatch.setattr(compiling, "warm_up_tracking", lambda config: told.append("track"))
+    compiling.compile_now(Config())
+    assert told[:-1] == order  # the last is that it is waited for at the end
+
+
+def test_other_process_compiles_what_this_one_calls() -> None:
+    """Kernels called with arrays of another kind would be compiled for nothing."""
+
+    def signatures() -> dict[str, list[Any]]:
+        found = vars(kernels).items()
+        return {name: [*it.signatures] for name, it in found if hasattr(it, "signatures")}
+
+    for preset in ("default", "paper"):
+        warm_up(Config.preset(preset))
+    before = signatures()
+    warm_up_registering()
+    assert signatures() == before
+    assert is_registration_here()
+
+
+@pytest.fixture
+def tasks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """A module of tasks for another process."""
+    (tmp_path / "tasks.py").write_text(TASKS)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setattr(elsewhere, "usable_cores", lambda: 2)
+    monkeypatch.delitem(sys.modules, "tasks", raising=False)
+    return importlib.import_module("tasks")
+
+
+TASKS = """
+import time
+from pathlib import Path
+
+DONE = Path(__file__).with_name("done")
+
+def write():
+    DONE.touch()
+
+def fail():
+    write()
+    raise SystemExit("told to nobody")
+
+def last():
+    write()
+    time.sleep(600)
+"""
+
+
+@pytest.mark.parametrize("name", ["write", "fail"])
+def test_is_waited_for(tasks: Any, capfd: pytest.CaptureFixture[str], name: str) -> None:
+    with Elsewhere(getattr(tasks, name)) as aside:
+        aside.start()
+        aside.start()  # it runs already
+    assert tasks.DONE.exists()
+    assert capfd.readouterr() == ("", "")
+
+
+def test_is_stopped_if_this_one_fails(tasks: Any) -> None:
+    def interrupted() -> None:
+        with Elsewhere(tasks.last) as aside:
+            aside.start()
+            while not tasks.DONE.exists():
+                time.sleep(0.01)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+
+
+def test_system_that_starts_no_process(tasks: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "executable", "/nonexistent/python")
+    with Elsewhere(tasks.write) as aside:
+        aside.start()
+    assert not tasks.DONE.exists()
+
+
+@pytest.mark.parametrize(("place", "answer"), [("usable_cores", 1), ("cache_folder", None)])
+def test_is_not_started_where_it_would_not_help(
+    tasks: Any, monkeypatch: pytest.MonkeyPatch, place: str, answer: int | None
+) -> None:
+    monkeypatch.setattr(elsewhere, place, lambda: answer)
+    with Elsewhere(tasks.write) as aside:
+        aside.start()
+    assert not tasks.DONE.exists()

@@ -1,5 +1,6 @@
 """Compiling the tracker before the first frame, and saying so if it takes a while."""
 
+from collections.abc import Callable, Sequence
 from threading import Timer
 from typing import Any
 
@@ -7,34 +8,47 @@ from numba.core import event
 
 from edvo.cli.terminal import note
 from edvo.config import Config
-from edvo.report.warmup import cache_folder, warm_up
+from edvo.report.warmup import cache_folder, warm_up_seeing, warm_up_tracking
+from edvo.report.warmup_aside import is_registration_here, registration_compiling_aside
 
 _PATIENCE_S = 1.0
 
 
 def compile_now(config: Config) -> None:
-    """Compile what a run will need, or load it from the cache."""
+    """Compile what a run will need, or load it from the cache.
+
+    Where something has to be compiled, another process does two fifths of it.
+    """
     once = ", once" if cache_folder() else "; set NUMBA_CACHE_DIR to a writable folder to keep it"
-    slow = Timer(_PATIENCE_S, note, [f"compiling for a minute or two{once}"])
+    slow = Timer(_PATIENCE_S, note, [f"compiling for about a minute{once}"])
     slow.daemon = True
+    aside = registration_compiling_aside()
+    calls = [slow.start] if is_registration_here() else [slow.start, aside.start]
+    begun = event.install_listener("numba:compile", _Beginning(calls))
     try:
-        with event.install_listener("numba:compile", _Starting(slow)):
-            warm_up(config)
+        with aside, begun:
+            warm_up_seeing(config)
+            aside.wait()
+            warm_up_tracking(config)
     finally:
         slow.cancel()
 
 
-class _Starting(event.Listener):
-    """Starts a timer once something is compiled; loading from the cache is no such event."""
+class _Beginning(event.Listener):
+    """Calls what is to happen once something is compiled; loading from the cache is no such event.
 
-    def __init__(self, timer: Timer) -> None:
-        self._timer = timer
-        self._started = False
+    Parameters
+    ----------
+    calls : sequence of callable
+    """
+
+    def __init__(self, calls: Sequence[Callable[[], None]]) -> None:
+        self._calls = calls
 
     def on_start(self, event: Any) -> None:
-        if not self._started:
-            self._started = True
-            self._timer.start()
+        calls, self._calls = self._calls, []
+        for call in calls:
+            call()
 
     def on_end(self, event: Any) -> None:
         pass

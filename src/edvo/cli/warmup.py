@@ -2,10 +2,11 @@
 
 import time
 
+from edvo.cli.compiling import compile_now
 from edvo.cli.terminal import say
 from edvo.config import Config
 from edvo.errors import OutputError
-from edvo.report.warmup import cache_folder, warm_up, warm_up_reading
+from edvo.report.warmup import cache_folder, warm_up_reading
 
 
 def warmup() -> None:
@@ -17,6 +18,6 @@ def warmup() -> None:
         )
     begin = time.perf_counter()
     for preset in ("default", "paper"):
-        warm_up(Config.preset(preset))
+        compile_now(Config.preset(preset))
     warm_up_reading()
     say(f"compiled in {time.perf_counter() - begin:.1f} s, kept in {folder}")

@@ -1,9 +1,6 @@
 """What `edvo demo` shows: sequences made on the spot, and the picture of each one tracked."""
 
-import subprocess
-import sys
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -15,10 +12,10 @@ from edvo.evaluation import Evaluation
 from edvo.frame import Frame
 from edvo.odometry import Odometry, Status, TrackedFrame
 from edvo.report.animation import DrawnPath, Film, Moment
+from edvo.report.elsewhere import Elsewhere
 from edvo.report.plots import ESTIMATE_COLOUR, MOTION_COLOUR, Scene
 from edvo.report.sights import Sight, look_again
 from edvo.report.tracking import FrameRecord, Run
-from edvo.report.warmup import cache_folder
 from edvo.synthesis.relighting import Relighter, RelitSource
 from edvo.synthesis.sequence import DEFAULT_CAMERA, Recipe, SyntheticSource, make_recipe
 from edvo.trajectory import Trajectory
@@ -84,25 +81,16 @@ def render_one() -> None:
     SyntheticSource(make_recipe(SCENE, frames=1, camera=small)).read(0)
 
 
-@contextmanager
-def renderer_compiling_aside() -> Iterator[None]:
-    """Compile the renderer in a process of its own, while this one compiles something else.
+def renderer_compiling_aside() -> Elsewhere:
+    """Start to compile the renderer in a process of its own.
 
-    A process compiles one function at a time, whatever the number of its threads; two processes
-    halve the wait of who starts the demo for the first time. What is compiled meets in the cache.
+    Returns
+    -------
+    Elsewhere
     """
-    if cache_folder() is None:
-        yield
-        return
-    command = [sys.executable, "-c", f"from {__name__} import render_one; render_one()"]
-    nothing = subprocess.DEVNULL
-    # It is a matter of speed only: should it fail, this process compiles the renderer itself.
-    with subprocess.Popen(command, stdin=nothing, stdout=nothing, stderr=nothing) as aside:
-        try:
-            yield
-        except BaseException:
-            aside.kill()
-            raise
+    aside = Elsewhere(render_one)
+    aside.start()
+    return aside
 
 
 class Watched:

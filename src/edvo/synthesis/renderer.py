@@ -1,6 +1,5 @@
 """Rendering: what a camera at a pose sees of a scene, exactly."""
 
-import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -9,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edvo.camera import Camera
+from edvo.cores import usable_cores
 from edvo.errors import SceneError
 from edvo.synthesis import kernels
 from edvo.synthesis.geometry import World
@@ -111,7 +111,7 @@ class Renderer:
         self.camera = camera
         self.light: LightState = self.world.scene.lights.state()
         self._samples = samples
-        self._threads = threads or len(os.sched_getaffinity(0))
+        self._threads = threads or usable_cores()
         self._pool = ThreadPoolExecutor(self._threads) if self._threads > 1 else None
         self._rays = _rays(camera)
         self._pixel = np.array([1.0 / camera.fx, 1.0 / camera.fy])

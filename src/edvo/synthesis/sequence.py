@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edvo.camera import Camera
+from edvo.cores import usable_cores
 from edvo.datasets.association import stamped_delay
 from edvo.datasets.incomplete import being_written
 from edvo.datasets.source import Reading, check_index, describe_timing
@@ -437,7 +438,7 @@ def _write(
         _write_png(target / _file("depth", recipe.depth_times[index]), depth)
 
     _ = source.exposures  # once, before several threads want it
-    pool = ThreadPoolExecutor(workers or len(os.sched_getaffinity(0)))
+    pool = ThreadPoolExecutor(workers or usable_cores())
     try:
         for done, _nothing in enumerate(pool.map(write, range(len(source))), start=1):
             if progress is not None:
