@@ -110,6 +110,21 @@ def test_depth_comes_from_its_own_instant() -> None:
     np.testing.assert_allclose(delays, [0.0, 0.015], rtol=0, atol=1.1e-6)
 
 
+def test_depth_is_taken_at_once_whatever_the_rows_of_the_colour_image() -> None:
+    """A delay of nothing must not differ from one of a microsecond."""
+    fast = recipe("cabinet", speed=1.0)
+    rolling = replace(fast, shutter=Shutter(readout=0.03))
+    at_once, rolled = SyntheticSource(fast), SyntheticSource(rolling)
+    late = SyntheticSource(replace(rolling, depth_clock=Clock(30, offset=2e-6)))
+    for index in range(2):
+        frame = rolled.read(index).frame
+        expected, beside = at_once.read(index).frame, late.read(index).frame
+        assert frame is not None and expected is not None and beside is not None
+        np.testing.assert_array_equal(frame.depth, expected.depth)
+        assert np.mean(np.abs(frame.depth - beside.depth) > 0.002) < 0.01
+        assert not np.array_equal(frame.grey, expected.grey)
+
+
 def test_depth_may_be_the_older_one() -> None:
     # The second colour image, at 33 ms, is nearest to the first depth image, at 18 ms.
     frame = SyntheticSource(recipe(depth_clock=Clock(30, offset=0.018))).read(1).frame

@@ -298,7 +298,8 @@ class SyntheticSource:
         index : int
             Which depth image; it has its own stamp.
         rendering : Rendering, optional
-            Of the colour frame with this index: used where both are taken at one instant.
+            Of the colour frame with this index: used where both are taken at one instant, and all
+            rows of the colour image, too. Depth is always taken at once.
 
         Returns
         -------
@@ -307,7 +308,8 @@ class SyntheticSource:
         """
         recipe = self.recipe
         t = float(recipe.depth_times[index])
-        if rendering is None or t != recipe.colour_times[index]:
+        apart = recipe.shutter.readout > 0 or t != recipe.colour_times[index]
+        if rendering is None or apart:
             rendering = self._renderer.render(recipe.motion.at(t), t=t, light=LightState(0.0))
         rng = generator(recipe.seed, "depth noise", index)
         surface = self._renderer.surface(rendering)
