@@ -119,7 +119,9 @@ def test_depth_is_taken_at_once_whatever_the_rows_of_the_colour_image() -> None:
     for index in range(2):
         frame = rolled.read(index).frame
         expected, beside = at_once.read(index).frame, late.read(index).frame
-        assert frame is not None and expected is not None and beside is not None
+        assert frame is not None
+        assert expected is not None
+        assert beside is not None
         np.testing.assert_array_equal(frame.depth, expected.depth)
         assert np.mean(np.abs(frame.depth - beside.depth) > 0.002) < 0.01
         assert not np.array_equal(frame.grey, expected.grey)
