@@ -10,13 +10,11 @@ from typing import Any
 import pytest
 from numba.core import event
 
-from edvo import kernels
 from edvo.cli import compiling
 from edvo.config import Config
 from edvo.report import elsewhere
 from edvo.report.elsewhere import Elsewhere
-from edvo.report.warmup import warm_up
-from edvo.report.warmup_aside import is_registration_here, warm_up_registering
+from edvo.report.warmup_aside import warm_up_registering
 
 
 @pytest.mark.slow
@@ -119,19 +117,37 @@ def test_another_process_compiles_what_tracking_begins_with(
     assert told[:-1] == order  # the last is that it is waited for at the end
 
 
-def test_other_process_compiles_what_this_one_calls() -> None:
+SIGNATURES = """
+from edvo import kernels
+from edvo.config import Config
+from edvo.report.warmup import warm_up
+from edvo.report.warmup_aside import is_registration_here, warm_up_registering
+
+def signatures():
+    found = vars(kernels).items()
+    return {name: {*map(str, it.signatures)} for name, it in found if hasattr(it, "signatures")}
+
+assert not is_registration_here()
+"""
+ALONE = """
+warm_up_registering()
+assert is_registration_here()
+for kernel in (kernels.align, kernels.score_parts, kernels.is_told, kernels.is_amiss):
+    assert kernel.signatures, kernel
+"""
+AFTER = """
+for preset in ("default", "paper"):
+    warm_up(Config.preset(preset))
+before = signatures()
+warm_up_registering()
+assert signatures() == before
+"""
+
+
+@pytest.mark.parametrize("code", [ALONE, AFTER])
+def test_other_process_compiles_what_this_one_calls(code: str) -> None:
     """Kernels called with arrays of another kind would be compiled for nothing."""
-
-    def signatures() -> dict[str, list[Any]]:
-        found = vars(kernels).items()
-        return {name: [*it.signatures] for name, it in found if hasattr(it, "signatures")}
-
-    for preset in ("default", "paper"):
-        warm_up(Config.preset(preset))
-    before = signatures()
-    warm_up_registering()
-    assert signatures() == before
-    assert is_registration_here()
+    subprocess.run([sys.executable, "-c", SIGNATURES + code], check=True)
 
 
 @pytest.fixture
@@ -141,10 +157,12 @@ def tasks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     monkeypatch.setattr(elsewhere, "usable_cores", lambda: 2)
+    monkeypatch.setattr(elsewhere, "cache_folder", lambda: tmp_path)
     monkeypatch.delitem(sys.modules, "tasks", raising=False)
     return importlib.import_module("tasks")
 
 
+LONG_S = 60.0
 TASKS = """
 import time
 from pathlib import Path
@@ -152,7 +170,8 @@ from pathlib import Path
 DONE = Path(__file__).with_name("done")
 
 def write():
-    DONE.touch()
+    with DONE.open("a") as file:
+        file.write("once")
 
 def fail():
     write()
@@ -160,29 +179,47 @@ def fail():
 
 def last():
     write()
-    time.sleep(600)
+    time.sleep(300)
 """
 
 
 @pytest.mark.parametrize("name", ["write", "fail"])
-def test_is_waited_for(tasks: Any, capfd: pytest.CaptureFixture[str], name: str) -> None:
+def test_is_started_once_and_waited_for(
+    tasks: Any, capfd: pytest.CaptureFixture[str], name: str
+) -> None:
     with Elsewhere(getattr(tasks, name)) as aside:
         aside.start()
-        aside.start()  # it runs already
-    assert tasks.DONE.exists()
+        aside.start()
+    assert tasks.DONE.read_text() == "once"
     assert capfd.readouterr() == ("", "")
+
+
+def test_what_lies_in_the_folder_of_work_is_not_run(
+    tasks: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    work = tmp_path / "work"
+    work.mkdir()
+    (work / "pathlib.py").write_text("raise SystemExit('not the one')")
+    monkeypatch.chdir(work)
+    with Elsewhere(tasks.write) as aside:
+        aside.start()
+    assert tasks.DONE.exists()
 
 
 def test_is_stopped_if_this_one_fails(tasks: Any) -> None:
     def interrupted() -> None:
         with Elsewhere(tasks.last) as aside:
             aside.start()
+            end = time.monotonic() + LONG_S
             while not tasks.DONE.exists():
+                assert time.monotonic() < end
                 time.sleep(0.01)
             raise KeyboardInterrupt
 
+    begin = time.monotonic()
     with pytest.raises(KeyboardInterrupt):
         interrupted()
+    assert time.monotonic() - begin < 2 * LONG_S
 
 
 def test_system_that_starts_no_process(tasks: Any, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -65,8 +65,7 @@ def reproduce(
         done = {stage.name for stage in completed(bench, folder, EXPERIMENTS)}
         if force or not done.issuperset(names):
             with renderer_compiling_aside():
-                for preset in PRESETS:
-                    compile_now(Config.preset(preset))
+                compile_now(*map(Config.preset, PRESETS))
         begin = time.perf_counter()
         stages: list[Stage] = []
         try:

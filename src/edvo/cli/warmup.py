@@ -17,7 +17,6 @@ def warmup() -> None:
             "compiled code has nowhere to stay; set NUMBA_CACHE_DIR to a writable folder"
         )
     begin = time.perf_counter()
-    for preset in ("default", "paper"):
-        compile_now(Config.preset(preset))
+    compile_now(Config.preset("default"), Config.preset("paper"))
     warm_up_reading()
     say(f"compiled in {time.perf_counter() - begin:.1f} s, kept in {folder}")

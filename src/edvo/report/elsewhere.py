@@ -13,9 +13,9 @@ from edvo.report.warmup import cache_folder
 class Elsewhere:
     """A process that compiles what this one will need.
 
-    A process compiles one function at a time, whatever the number of its threads; two processes
-    halve the wait of who starts for the first time. What is compiled meets in the cache. It is a
-    matter of speed only: should it fail, this process compiles all of it.
+    A process compiles one function at a time, whatever the number of its threads; two of them all
+    but halve the wait of who starts for the first time. What is compiled meets in the cache. It is
+    a matter of speed only: should it fail, this process compiles all of it.
 
     As a context it waits at its end for that process, or stops it if an exception leaves it.
 
@@ -27,12 +27,18 @@ class Elsewhere:
 
     def __init__(self, task: Callable[[], None]) -> None:
         name = task.__name__
-        self._command = [sys.executable, "-c", f"from {task.__module__} import {name}; {name}()"]
+        # not what lies in the folder that somebody works in: a numpy.py, say
+        self._command = [
+            sys.executable,
+            "-P",
+            "-c",
+            f"from {task.__module__} import {name}; {name}()",
+        ]
         self._process: subprocess.Popen[bytes] | None = None
 
     def start(self) -> None:
-        """Start it, where it would help: what it compiles can be kept, and a core is free."""
-        if self._process is None and cache_folder() and usable_cores() > 1:
+        """Start it, where it helps."""
+        if self._process is None and helps():
             nothing = subprocess.DEVNULL
             with suppress(OSError):  # no memory for it, or no right to
                 self._process = subprocess.Popen(
@@ -56,3 +62,13 @@ class Elsewhere:
         if error is not None and self._process is not None:
             self._process.kill()
         self.wait()
+
+
+def helps() -> bool:
+    """Whether another process helps: what it compiles can be kept, and there is a core for it.
+
+    Returns
+    -------
+    bool
+    """
+    return cache_folder() is not None and usable_cores() > 1

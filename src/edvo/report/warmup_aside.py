@@ -5,16 +5,15 @@ from typing import Any, cast
 import numpy as np
 
 from edvo import kernels
-from edvo.camera import Camera
 from edvo.config import Config
 from edvo.edges import EdgePixels
 from edvo.matching import EdgeIndex
 from edvo.planes import NO_PLANES, NO_POINTS
 from edvo.registration import EDGES_ALONE, Registration
 from edvo.report.elsewhere import Elsewhere
+from edvo.report.warmup import CAMERA, FAR_M
 from edvo.uncertainty import Uncertainty
 
-CAMERA = Camera(width=160, height=120, fx=130.0, fy=130.0, cx=79.5, cy=59.5)
 STEP_PX = 8
 
 
@@ -39,7 +38,7 @@ def _edges() -> EdgePixels:
     return EdgePixels(
         np.column_stack([u.ravel(), v.ravel()]).astype(np.float32),
         np.column_stack([upright, 1 - upright]).astype(np.float32),
-        np.full(u.size, 2.0, np.float32),
+        np.full(u.size, FAR_M, np.float32),
         np.zeros((u.size, 2), np.float32),
     )
 
