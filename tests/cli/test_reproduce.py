@@ -42,7 +42,7 @@ def fakes(small: None, monkeypatch: pytest.MonkeyPatch) -> dict[str, Experiment]
     """Put experiments that do nothing in place of all others."""
     experiments = {name: fake(name) for name in NAMES}
     monkeypatch.setattr(module, "EXPERIMENTS", experiments)
-    monkeypatch.setattr(module, "compile_now", lambda config: None)
+    monkeypatch.setattr(module, "compile_now", lambda *configs: None)
     monkeypatch.setattr(module, "renderer_compiling_aside", nullcontext)
     return experiments
 

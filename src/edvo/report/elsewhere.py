@@ -26,14 +26,9 @@ class Elsewhere:
     """
 
     def __init__(self, task: Callable[[], None]) -> None:
-        name = task.__name__
-        # not what lies in the folder that somebody works in: a numpy.py, say
-        self._command = [
-            sys.executable,
-            "-P",
-            "-c",
-            f"from {task.__module__} import {name}; {name}()",
-        ]
+        module, name = task.__module__, task.__name__
+        # -P: nothing that lies in the folder that somebody works in is imported, a numpy.py say
+        self._command = [sys.executable, "-P", "-c", f"from {module} import {name}; {name}()"]
         self._process: subprocess.Popen[bytes] | None = None
 
     def start(self) -> None:

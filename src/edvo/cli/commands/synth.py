@@ -46,7 +46,7 @@ def synth(
     readout: Annotated[
         float,
         typer.Option(
-            help="From the first row to the last: rolling shutter.",
+            help="From the first row of a colour image to the last: rolling shutter.",
             min=0.0,
             max=1 / 30,
             metavar="SECONDS",
