@@ -1019,6 +1019,34 @@ def test_surround(rng, shape, step, reach):
         np.testing.assert_array_equal(found, wanted)
 
 
+@pytest.mark.parametrize("shape", [(20, 30), (3, 1), (1, 9)])
+def test_fill_gaps(rng, shape):
+    depth = rng.uniform(0.3, 8.0, shape).astype(np.float32)
+    depth[rng.random(shape) < 0.6] = 0
+    depth[0] = 0
+    filled = np.empty_like(depth)
+    _, expected = both(
+        "fill_gaps", lambda: kernels.fill_gaps(depth, filled), lambda: twins.fill_gaps(depth)
+    )
+    np.testing.assert_array_equal(filled, expected)
+
+
+@pytest.mark.parametrize("reach", [0, 1, 3])
+def test_nearer_sides(rng, reach):
+    depth = rng.uniform(1.0, 1.1, (40, 50)).astype(np.float32)
+    depth[15:30, 20:40] += 0.2
+    depth[rng.random(depth.shape) < 0.01] = 0
+    index = np.arange(depth.size, dtype=np.int32)
+    depths = np.empty(depth.size, np.float32)
+    _, expected = both(
+        "nearer_sides",
+        lambda: kernels.nearer_sides(depth, index, reach, 1.15, depths),
+        lambda: twins.nearer_sides(depth, index, reach, 1.15),
+    )
+    np.testing.assert_array_equal(depths, expected)
+    assert reach == 0 or 0 < np.count_nonzero(depths) < depth.size // 2
+
+
 @pytest.mark.parametrize("around", [strays.NOWHERE, strays.ring(160)], ids=["all", "no strays"])
 @pytest.mark.parametrize(("shape", "every"), [((120, 160), 4), ((7, 9), 3), ((1, 1), 1)])
 def test_place_points(rng, shape, every, around):

@@ -680,6 +680,27 @@ def surround(depth, step, reach):
     return kept, np.where(known, near, 0), np.where(known, far, 0)
 
 
+def fill_gaps(depth):
+    """Each row between its first depth and its last, gaps at the farther end of both."""
+    filled = np.zeros_like(depth)
+    for line, to in zip(depth, filled, strict=True):
+        known = np.flatnonzero(line)
+        for c in range(known.min(initial=len(line)), known.max(initial=-1) + 1):
+            sides = line[known[known <= c].max()], line[known[known >= c].min()]
+            to[c] = max(sides)
+    return filled
+
+
+def nearer_sides(depth, index, reach, step):
+    beyond = np.pad(depth, reach)
+    depths = []
+    for v, u in zip(*np.unravel_index(index, depth.shape), strict=True):
+        square = beyond[v : v + 2 * reach + 1, u : u + 2 * reach + 1]
+        is_step = square.min() > 0 and square.max() >= step * square.min()
+        depths.append(square.min() if is_step else 0)
+    return np.array(depths, np.float32)
+
+
 def place_points(kept, every, rays, ring):
     kept = kept.astype(float)
     around = np.pad(kept, 1, mode="edge")

@@ -17,6 +17,9 @@ from edvo.status import Status, speed_of
 LEAP_M_S2 = 30.0  # what pushes a camera harder is a wrong match, more often than not;
 SCATTER_M = 0.02  # but poses scatter by half of that themselves, from one frame to the next
 JITTER_S = 0.04  # by which stamps are late, at most; what takes longer was no frame
+LEFT = (
+    0.25  # of the points on planes of the keyframe: what leaves fewer is none that depth bears out
+)
 LEAPT = "farther from where it was expected than a hand moves a camera"
 
 
@@ -193,7 +196,8 @@ class Assessor:
     def better(self, found: Alignment, other: Alignment, timestamp: float) -> Alignment:
         """Of two that fit: what is not lost, else whose depth is not off, else the clearer.
 
-        What is tracked is only left for what is tracked, too, and clearly sharper.
+        What is tracked is only left for what is tracked, too, and clearly sharper. Where depth fits
+        nothing is left for what takes nearly all of it off the planes of the keyframe.
 
         Parameters
         ----------
@@ -206,7 +210,7 @@ class Assessor:
         Alignment
             One of them.
         """
-        if other is found:
+        if other is found or other.plane_points < LEFT * found.plane_inliers:
             return found
         if self.assess(found, timestamp)[0] is Status.TRACKED:
             is_tracked = self.assess(other, timestamp)[0] is Status.TRACKED

@@ -55,7 +55,7 @@ class Blind:
     def __init__(self, kit: Kit, course: Course, doubt: Doubt) -> None:
         self._config, self._clock = kit.config, kit.clock
         self._depth_alone, self._judge = kit.depth_alone, kit.judge
-        self._instants = kit.instants
+        self._instants, self._contours = kit.instants, kit.contours
         self._course, self._doubt = course, doubt
         self._is_on = kit.fitter.is_on and kit.config.planes.alone_share > 0
         self._depth = np.empty((0, 0), np.float32)  # of the last frame without edges
@@ -101,6 +101,9 @@ class Blind:
             parts = key, seen.samples, seen.points
             alignment = self._depth_alone.align(*parts, start)
             covariance = self._depth_alone.covariance(*parts, alignment)
+            along = self._contours.along(key, seen, alignment.T_ref_cur, covariance)
+            if along is not None:
+                alignment = self._depth_alone.at(*parts, along.T_key_cur, alignment)
         T_last_cur = se3.inverse(course.T_key_last) @ alignment.T_ref_cur
         own = in_current_camera(covariance, alignment.T_ref_cur)  # in which it was held still
         loose = tuple(describe(way) for way in degenerate_directions(own))

@@ -402,6 +402,12 @@ class PlanesConfig(Section):
         "depth alone leads on, if it leaves no motion open, and the frame is degraded; or it is "
         "lost. With alone_share. Not in the paper",
     )
+    contours: Literal["followed", "none"] = Field(
+        default="followed",
+        description="along motions that neither edges nor planes constrain, a pose is moved to "
+        "where the contours of depth fit those of the keyframe, as in darkness, or where white "
+        "things stand before white walls. It stays degraded. Not in the paper",
+    )
     outvoted: Literal["asked", "left"] = Field(
         default="asked",
         description="where depth is good, off by less than 0.6 times its noise as a rule, edges "
@@ -914,6 +920,7 @@ PRESETS: dict[str, dict[str, Any]] = {
             "weight": 0.0,
             "alone_share": 0.0,
             "lead": "none",
+            "contours": "none",
             "outvoted": "left",
             "edge_doubt_rule": "fixed",
             "depth_doubt_rule": "none",

@@ -301,8 +301,8 @@ class Course:
         self._frames = self.losses + 1
         velocity = se3.log(T_last_cur) / seconds
         if is_known and seconds <= LONGEST_PREDICTION_S:
-            squares = ((velocity - self.velocity) / seconds) ** 2
-            now = squares.reshape(2, 3).mean(axis=1).repeat(3)
+            x, y, z, a, b, c = (((velocity - self.velocity) / seconds) ** 2).tolist()
+            now = np.array([(x + y + z) / 3] * 3 + [(a + b + c) / 3] * 3)
             share = seconds / ACCELERATION_S
             self.acceleration = self.acceleration + (now - self.acceleration) * share
         self.velocity = velocity

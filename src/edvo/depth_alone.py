@@ -129,6 +129,31 @@ class DepthAlone:
             key.edges, samples, key.planes, points, self._term, found
         )
 
+    def at(
+        self,
+        key: Keyframe,
+        samples: EdgePixels,
+        points: PlanePoints,
+        T_key_cur: NDArray[np.float64],
+        found: Alignment,
+    ) -> Alignment:
+        """Say what depth is like at another pose than the one that it led to.
+
+        Parameters
+        ----------
+        key, samples, points
+            As `align` was given them.
+        T_key_cur : ndarray of float64, shape (4, 4)
+        found : Alignment
+            What it gave, which led there.
+
+        Returns
+        -------
+        Alignment
+        """
+        reason = kernels.CONVERGED if found.converged else kernels.EXHAUSTED
+        return self._state(key, samples, points, T_key_cur, SCALES[-1], found.iterations, reason)
+
     def _state(
         self,
         key: Keyframe,

@@ -5586,6 +5586,48 @@ def surround(depth: F32, step: int, reach: int, kept: F32, near: F32, far: F32) 
 
 
 @compiled
+def fill_gaps(depth: F32, filled: F32) -> None:
+    """Copy depth, each gap in a row filled by the farther of the depths beside it.
+
+    A near thing hides what is beside it from a sensor: behind lies what is farther. A gap that
+    reaches the end of its row stays 0.
+    """
+    for r in range(depth.shape[0]):
+        line, to = depth[r], filled[r]
+        last = np.float32(0)
+        for c in range(place(line.size)):
+            if line[c] > 0:
+                last = line[c]
+            to[c] = last
+        last = np.float32(0)
+        for i in range(place(line.size)):
+            c = place(line.size) - place(1) - i
+            if line[c] > 0:
+                last = line[c]
+            else:
+                to[c] = max(to[c], last) if to[c] > 0 and last > 0 else np.float32(0)
+
+
+@compiled
+def nearer_sides(depth: F32, index: I32, reach: int, step: float, depths: F32) -> None:
+    """Write the least depth of the square round each pixel, where the greatest is farther enough.
+
+    ``index`` are flat; the square reaches ``reach`` pixels to each side. 0 where the greatest is
+    less than ``step`` times the least, or a depth is missing, as beyond the border.
+    """
+    height, width = depth.shape
+    for k in range(index.size):
+        v, u = index[k] // width, index[k] % width
+        near, far = np.float32(np.inf), np.float32(0)
+        inside = reach <= v < height - reach and reach <= u < width - reach
+        if inside:
+            for r in range(v - reach, v + reach + 1):
+                for c in range(u - reach, u + reach + 1):
+                    near, far = min(near, depth[r, c]), max(far, depth[r, c])
+        depths[k] = near if inside and far >= step * near else np.float32(0)
+
+
+@compiled
 def place_points(kept: F32, every: int, rays: F64, ring: I32, points: F64) -> int:
     """Write the points at every so manyth depth, given their rays; returns how many.
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from edvo.camera import Camera
 from edvo.clock import Clock
 from edvo.config import Config
+from edvo.contours import Contours
 from edvo.depth_alone import DepthAlone
 from edvo.front_end import FrontEnd
 from edvo.instants import Instants
@@ -31,6 +32,7 @@ class Kit:
     front_end : FrontEnd
     uncertainty : Uncertainty
     depth_alone : DepthAlone
+    contours : Contours
     shared : SharedErrors
     instants : Instants
     judge : Judge
@@ -45,6 +47,7 @@ class Kit:
     front_end: FrontEnd
     uncertainty: Uncertainty
     depth_alone: DepthAlone
+    contours: Contours
     shared: SharedErrors
     instants: Instants
     judge: Judge

@@ -30,7 +30,7 @@ class Leading:
 
     def __init__(self, kit: Kit, course: Course, locator: Locator) -> None:
         self._depth_alone, self._judge, self._clock = kit.depth_alone, kit.judge, kit.clock
-        self._course, self._locator = course, locator
+        self._course, self._locator, self._contours = course, locator, kit.contours
         rule = kit.config.planes
         self._is_on = kit.fitter.is_on and rule.alone_share > 0 and rule.lead == "changed-views"
 
@@ -62,5 +62,9 @@ class Leading:
         assessor = self._locator.assessor
         if assessor.off(found.T_ref_cur, timestamp) > assessor.limit(timestamp):
             return None
-        own = in_current_camera(self._depth_alone.covariance(*parts, found), found.T_ref_cur)
+        covariance = self._depth_alone.covariance(*parts, found)
+        along = self._contours.along(course.key, seen, found.T_ref_cur, covariance)
+        if along is not None:
+            found, covariance = self._depth_alone.at(*parts, *along[:1], found), along.covariance
+        own = in_current_camera(covariance, found.T_ref_cur)
         return None if len(degenerate_directions(own)) else found

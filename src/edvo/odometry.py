@@ -11,6 +11,7 @@ from edvo.blind import Blind
 from edvo.camera import Camera
 from edvo.clock import Clock, StageClock, no_clock
 from edvo.config import Config
+from edvo.contours import Contours
 from edvo.course import (
     LONG_LOST_S,
     LONGEST_PREDICTION_S,
@@ -152,6 +153,7 @@ class Odometry:
             self._front_end,
             self._uncertainty,
             self._depth_alone,
+            Contours(self.camera, self.config, self._registration, self._fitter, self._uncertainty),
             self._shared,
             self._instants,
             self._judge,

@@ -81,6 +81,7 @@ class Progress:
         self._clock, self._fitter, self._judge = kit.clock, kit.fitter, kit.judge
         self._uncertainty, self._front_end = kit.uncertainty, kit.front_end
         self._shared, self._instants = kit.shared, kit.instants
+        self._contours = kit.contours
         self._course, self._doubt, self._locator = course, doubt, locator
         self._standing, self._upkeep = standing, upkeep
         self._timing = Timing(kit, course)
@@ -116,11 +117,14 @@ class Progress:
         """
         course, alignment, timestamp = self._course, placed.alignment, placed.seen.frame.timestamp
         registered = placed.seen if placed.still is None else placed.still.seen
-        T_last_cur, seconds = course.moved(alignment.T_ref_cur, timestamp)
-        period = seconds if course.is_blind else course.period(timestamp)
         follows = course.follows(timestamp) and found is None
         covariance, by_depth = self._covariance(registered, alignment)
-        went = timestamp, alignment, covariance, T_last_cur, seconds, period
+        T_key_cur, sure = alignment.T_ref_cur, covariance
+        if follows and covariance is not None:
+            T_key_cur, sure = self._along(registered, alignment, covariance)
+        T_last_cur, seconds = course.moved(T_key_cur, timestamp)
+        period = seconds if course.is_blind else course.period(timestamp)
+        went = timestamp, alignment, T_key_cur, sure, T_last_cur, seconds, period
         is_plain = self._move(*went, follows=follows) and not course.is_blind
         velocity = course.velocity if follows else None
         if velocity is not None and is_plain:
@@ -198,10 +202,29 @@ class Progress:
                 self._course.key.edges, seen.samples, *self._compared(seen), alignment
             )
 
+    def _along(
+        self, seen: Seen, alignment: Alignment, covariance: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Where contours say that a frame is, along what nothing else constrains, and how surely.
+
+        Not where depth repeats, something moves, or a hand does not move a camera so far.
+        """
+        timestamp, T_key_cur = seen.frame.timestamp, alignment.T_ref_cur
+        moves = seen.is_stale or self._standing.is_moving(timestamp)
+        if moves or self._locator.mender.put_right(alignment) is not None:
+            return T_key_cur, covariance
+        with self._clock("registration"):
+            along = self._contours.along(self._course.key, seen, T_key_cur, covariance)
+        assessor = self._locator.assessor
+        if along is None or assessor.off(along.T_key_cur, timestamp) > assessor.limit(timestamp):
+            return T_key_cur, covariance
+        return along
+
     def _move(
         self,
         timestamp: float,
         alignment: Alignment,
+        T_key_cur: NDArray[np.float64],
         covariance: NDArray[np.float64] | None,
         T_last_cur: NDArray[np.float64],
         seconds: float,
@@ -228,7 +251,7 @@ class Progress:
                 held = inertia.settle(
                     course.key.index,
                     course.T_key_last,
-                    alignment.T_ref_cur,
+                    T_key_cur,
                     covariance,
                     period,
                     follows=follows and not course.is_blind,
@@ -237,7 +260,7 @@ class Progress:
             course.drift(held, inertia.velocity)
             return False
         closes = follows and course.stood is not None  # a gap, by a step that is no speed
-        course.step(alignment.T_ref_cur, T_last_cur, seconds)
+        course.step(T_key_cur, T_last_cur, seconds)
         if closes:
             course.velocity = inertia.velocity.copy()
         return not closes

@@ -206,13 +206,18 @@ def adjoint(T: ArrayLike) -> NDArray[np.float64]:
     ndarray of float64, shape (6, 6)
         Ad with ``T @ exp(xi) == exp(Ad @ xi) @ T``: it maps twists of frame b to frame a.
     """
-    T = np.asarray(T, dtype=np.float64)
-    R = T[:3, :3]
-    result = np.zeros((6, 6))
-    result[:3, :3] = R
-    result[:3, 3:] = hat(T[:3, 3]) @ R
-    result[3:, 3:] = R
-    return result
+    (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = np.asarray(T, dtype=np.float64).tolist()
+    # hat(t) R beside R, written out as in `inverse`
+    return np.array(
+        [
+            [a, b, c, y * g - z * d, y * h - z * e, y * i - z * f],
+            [d, e, f, z * a - x * g, z * b - x * h, z * c - x * i],
+            [g, h, i, x * d - y * a, x * e - y * b, x * f - y * c],
+            [0.0, 0.0, 0.0, a, b, c],
+            [0.0, 0.0, 0.0, d, e, f],
+            [0.0, 0.0, 0.0, g, h, i],
+        ]
+    )
 
 
 def hat(w: ArrayLike) -> NDArray[np.float64]:

@@ -64,6 +64,7 @@ class Upkeep:
         self._camera, self._limits, self._clock = kit.camera, kit.config.keyframes, kit.clock
         self._registration, self._fitter = kit.registration, kit.fitter
         self._front_end, self._shared, self._instants = kit.front_end, kit.shared, kit.instants
+        self._contours = kit.contours
         self._course, self._pieces = course, pieces
         self.store = KeyframeStore(self._limits.stored)
         self._window = KeyframeWindow(kit.config, kit.registration, kit.uncertainty)
@@ -225,6 +226,7 @@ class Upkeep:
             )
             self.take(keyframe)
             self._instants.hold(keyframe, kept, edges, velocity)
+            self._contours.hold(keyframe, kept)
         return keyframe
 
     def take(self, keyframe: Keyframe, *, keep: bool = True) -> None:

@@ -63,6 +63,11 @@ VARIANTS = (
         "planes: lead where a view has changed",
         ("planes.weight=1", "planes.alone_share=0.5", "planes.lead=changed-views"),
     ),
+    Variant("planes: contours not followed", ("planes.weight=1", "planes.contours=none")),
+    Variant(
+        "planes: contours followed",
+        ("planes.weight=1", "planes.alone_share=0.5", "planes.contours=followed"),
+    ),
     Variant("planes: outvoted ones left", ("planes.weight=1", "planes.outvoted=left")),
     Variant("planes: outvoted ones asked", ("planes.weight=1", "planes.outvoted=asked")),
     Variant("planes: edges not doubted", ("planes.weight=1", "planes.edge_doubt_px=0")),
