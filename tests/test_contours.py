@@ -110,7 +110,7 @@ def test_less_than_a_step_is_none():
 def test_depth_of_another_instant_is_moved():
     depth, T = plate(np.eye(4), 0.0).depth, se3.exp(np.array([0.02, -0.01, 0.1, 0, 0, 0]))
     here, there = contours().find(depth), contours().find(depth, T)
-    X = here.points(CAMERA) + (0.02, -0.01, 0.1)
+    X = here.points(CAMERA) + T[:3, 3]
     expected = X[:, :2] / X[:, 2:] * CAMERA.fx + (CAMERA.cx, CAMERA.cy)
     np.testing.assert_allclose(there.pixels, expected, atol=1e-3)
     np.testing.assert_allclose(there.depths, X[:, 2], rtol=1e-6)

@@ -192,3 +192,19 @@ def test_however_often_frames_come_poses_scatter(stairs, rate, limit_m):
     course.velocity[0] = 0.3
     assessor = odometry._locator.assessor
     assert assessor.limit(1.0 + 1 / rate) == pytest.approx(limit_m)
+
+
+def test_where_depth_fits_nothing_is_taken_that_leaves_it(stairs, monkeypatch):
+    """However well edges fit there: nothing of what a camera sees can be gone at once."""
+    camera, frames, _ = stairs
+    odometry = Odometry(camera)
+    for frame in frames[:2]:
+        found = odometry.track(frame).alignment
+    lost = replace(found, inliers=0, agreeing=0)
+    near, left = (
+        replace(found, plane_points=int(share * found.plane_inliers)) for share in (1, 0.2)
+    )
+    assessor, later = odometry._locator.assessor, frames[1].timestamp + 1 / 30
+    assert assessor.is_lost(lost, later)
+    assert assessor.better(lost, near, later) is near
+    assert assessor.better(lost, left, later) is lost

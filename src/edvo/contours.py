@@ -149,7 +149,7 @@ class Contours:
     def _registered(
         self, held: _Held, key: Keyframe, seen: Seen, T_key_start: NDArray[np.float64]
     ) -> Along | None:
-        """Register contours and planes, if they fit; the covariance is in the frame's own camera."""
+        """Register contours and planes, if they fit; the covariance is in the own camera."""
         if held.found is None:
             held.found = self._registration.index(self.find(held.depth, held.T_cam_depth))
         samples = self.find(seen.frame.depth, seen.T_cam_depth)

@@ -5600,8 +5600,7 @@ def fill_gaps(depth: F32, filled: F32) -> None:
                 last = line[c]
             to[c] = last
         last = np.float32(0)
-        for i in range(place(line.size)):
-            c = place(line.size) - place(1) - i
+        for c in range(line.size - 1, -1, -1):
             if line[c] > 0:
                 last = line[c]
             else:
