@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from edvo import se3
+from edvo.blind import HELD
 from edvo.config import Config
 from edvo.contours import STEP, Contours
 from edvo.frame import Frame
@@ -126,8 +127,18 @@ def test_in_white_they_hold_what_planes_leave_open(painted):
         assert distance < 0.012
         assert angle < 0.8
         assert result.status is Status.DEGRADED
-        assert result.degenerate == IN_PLANE  # by planes, and nobody is told better
+        assert result.degenerate == IN_PLANE
+        assert result.reason.endswith(f"not constrained but by contours: {', '.join(IN_PLANE)}")
     assert problems.error(poses[-1], without[-1].T_world_cam)[0] > 0.1
+
+
+def test_what_they_held_is_in_doubt_for_a_second(painted):
+    odometry, results = in_white(painted, going([0.0] * 6))
+    after = []
+    for k in range(len(results) + 2, len(results) + 40):
+        after.append(odometry.track(plate(np.eye(4), k * PERIOD, picture=painted, seed=k)))
+    assert {(r.status, r.reason) for r in after[:29]} == {(Status.DEGRADED, HELD)}
+    assert after[-1].status is Status.TRACKED
 
 
 def test_what_they_run_along_stays_open(painted):

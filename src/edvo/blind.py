@@ -17,6 +17,9 @@ from edvo.seen import Seen
 from edvo.status import Status, speed_of
 from edvo.uncertainty import degenerate_directions, describe, in_current_camera
 
+DUE_SHARE = 0.75  # of its points on planes of the keyframe: with fewer it is the next one itself
+HELD = "contours of depth alone told of a motion less than a second ago"
+
 
 @dataclass(frozen=True, slots=True)
 class Followed:
@@ -31,7 +34,9 @@ class Followed:
     covariance : ndarray of float64, shape (6, 6)
         Of ``T_key_cur``.
     degenerate : tuple of str
-        Motions in the frame's own camera that depth does not notice.
+        Motions in the frame's own camera that planes do not notice.
+    is_due : bool
+        Whether it is to be the next keyframe.
     """
 
     alignment: Alignment
@@ -39,6 +44,7 @@ class Followed:
     reason: str
     covariance: NDArray[np.float64]
     degenerate: tuple[str, ...]
+    is_due: bool = False
 
 
 class Blind:
@@ -58,6 +64,7 @@ class Blind:
         self._instants, self._contours = kit.instants, kit.contours
         self._course, self._doubt = course, doubt
         self._is_on = kit.fitter.is_on and kit.config.planes.alone_share > 0
+        self._makes_keyframes = kit.config.planes.alone_keyframes == "made"
         self._depth = np.empty((0, 0), np.float32)  # of the last frame without edges
 
     def may_tell(self, frame: Frame) -> bool:
@@ -112,9 +119,11 @@ class Blind:
         )
         if len(loose) == 6 and misfit in ("", alignment.reason):
             misfit = "depth constrains nothing"
+        is_open = bool(loose) and (along is None or along.leaves_open)
         reason = f"depth alone: {few}"
         if loose:
-            reason += f"; not constrained: {', '.join(loose)}"
+            held = "" if is_open else " but by contours"
+            reason += f"; not constrained{held}: {', '.join(loose)}"
         status = Status.LOST if misfit else Status.DEGRADED
         # Where it may have drifted there is nothing to hold against the depth of a moment ago.
         if not misfit and not loose and self._config.status.max_conflict:
@@ -123,9 +132,13 @@ class Blind:
             return Followed(alignment, status, f"{few}; {misfit or reason}", covariance, loose)
         if loose:
             self._doubt.is_sure = False
-            if course.anchor is None:
-                course.anchor = timestamp - period, course.T_world_last
+        if is_open and course.anchor is None:
+            course.anchor = timestamp - period, course.T_world_last
+        elif loose and not is_open:
+            self._doubt.cast(timestamp, HELD)
         course.is_blind, course.last_time = True, timestamp
         course.step(alignment.T_ref_cur, T_last_cur, period)
         self._instants.interrupt()
-        return Followed(alignment, status, reason, covariance, loose)
+        few_fit = alignment.plane_points < DUE_SHARE * len(seen.points.sigma)
+        is_due = self._makes_keyframes and few_fit and not is_open
+        return Followed(alignment, status, reason, covariance, loose, is_due)

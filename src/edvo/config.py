@@ -396,6 +396,13 @@ class PlanesConfig(Section):
         description="a frame without edges goes on by depth alone, degraded, where this share of "
         "its points lies on planes of the keyframe; 0: it is lost",
     )
+    alone_keyframes: Literal["made", "none"] = Field(
+        default="made",
+        description="such a frame is the next keyframe where fewer than three quarters of its "
+        "points lie on planes of the last one, and depth leaves no motion open: so the camera is "
+        "followed for as long as darkness lasts. Or it is lost once alone_share is undercut. Not "
+        "in the paper",
+    )
     lead: Literal["changed-views", "none"] = Field(
         default="changed-views",
         description="where the edges of a view have changed at once, as those of light that jumps, "
@@ -919,6 +926,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "planes": {
             "weight": 0.0,
             "alone_share": 0.0,
+            "alone_keyframes": "none",
             "lead": "none",
             "contours": "none",
             "outvoted": "left",

@@ -22,7 +22,7 @@ from edvo.matching import EdgeIndex
 from edvo.planes import PlaneFitter
 from edvo.registration import Registration
 from edvo.seen import Seen
-from edvo.uncertainty import BOUNDS, Uncertainty, in_current_camera
+from edvo.uncertainty import BOUNDS, Uncertainty, degenerate_directions, in_current_camera
 
 FARTHEST_M, PER_LOG = 10.0, 85.0  # depth as grey levels: from black on, and so many to a factor e
 STEP, REACH_PX = 1.04, 3  # by what factor depth has to rise, within how many pixels
@@ -44,6 +44,12 @@ class Along(NamedTuple):
 
     T_key_cur: NDArray[np.float64]
     covariance: NDArray[np.float64]
+
+    @property
+    def leaves_open(self) -> bool:
+        """Whether contours do not tell all of what was not constrained."""
+        own = in_current_camera(self.covariance, self.T_key_cur)
+        return len(degenerate_directions(own)) > 0
 
 
 @dataclass(slots=True)

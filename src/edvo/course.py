@@ -126,6 +126,11 @@ class Course:
         self.keyframe = keyframe
         self.T_key_last = se3.inverse(keyframe.T_world_key) @ self.T_world_last
 
+    @property
+    def is_adrift(self) -> bool:
+        """Whether depth alone told of the last pose, and not all: it may be anywhere along that."""
+        return self.is_blind and self.anchor is not None
+
     def period(self, timestamp: float) -> float:
         """Seconds since the last frame that was not lost; the usual where stamps make no sense.
 

@@ -168,7 +168,7 @@ class EarlierKeyframes:
             where a hand may have moved it.
         """
         course, timestamp = self._course, seen.frame.timestamp
-        bare = course.is_blind or self._depth_alone.has_to_tell(seen.samples)
+        bare = course.is_adrift or self._depth_alone.has_to_tell(seen.samples)
         if not self._most or bare or course.period(timestamp) > LONGEST_PREDICTION_S:
             return None
         self._before = course.whereabouts
@@ -178,7 +178,8 @@ class EarlierKeyframes:
             for key in self._near(course.key):
                 course.compare_with(key)
                 found, status, _ = self._locator.register(seen)
-                fits = status is Status.TRACKED and self._judge.scatter.has_usual_depth(found)
+                fits = status is Status.TRACKED
+                fits = fits and (course.is_blind or self._judge.scatter.has_usual_depth(found))
                 if fits and (best is None or found.inliers > best[1].inliers):
                     best = key, found
         if best is None:

@@ -50,7 +50,7 @@ class Leading:
         course, timestamp = self._course, seen.frame.timestamp
         if not self._is_on or seen.is_stale or not course.follows(timestamp):
             return None
-        if course.is_blind or self._depth_alone.has_to_tell(seen.samples):
+        if course.is_adrift or self._depth_alone.has_to_tell(seen.samples):
             return None
         with self._clock("registration"):
             parts = course.key, seen.samples, seen.points
@@ -63,8 +63,9 @@ class Leading:
         if assessor.off(found.T_ref_cur, timestamp) > assessor.limit(timestamp):
             return None
         covariance = self._depth_alone.covariance(*parts, found)
+        if not len(degenerate_directions(in_current_camera(covariance, found.T_ref_cur))):
+            return found
         along = self._contours.along(course.key, seen, found.T_ref_cur, covariance)
-        if along is not None:
-            found, covariance = self._depth_alone.at(*parts, *along[:1], found), along.covariance
-        own = in_current_camera(covariance, found.T_ref_cur)
-        return None if len(degenerate_directions(own)) else found
+        if along is None or along.leaves_open:
+            return None
+        return self._depth_alone.at(*parts, along.T_key_cur, found)

@@ -231,6 +231,8 @@ class Odometry:
             return self._give_up(seen, few)
         if self._course.keyframe is None:
             return self._begin(seen)
+        if self._course.losses and not self._depth_alone.has_to_tell(seen.samples):
+            self._upkeep.leave_bare()
         if self._recovery.is_adrift(frame.timestamp):
             return self._find(seen, UNSURE)
         if self._recovery.is_long_lost(frame.timestamp):
@@ -335,12 +337,16 @@ class Odometry:
         followed = self._blind.follow(seen, few)
         if followed.status is Status.LOST:
             return self._give_in(seen, followed.reason, followed.alignment)
+        key = self._course.key.index
+        if followed.is_due:
+            self._upkeep.make_bare(seen.kept(), self._record.count)
         return self._record.keep(
             seen.frame.timestamp,
             followed.status,
             followed.reason,
             followed.alignment.T_ref_cur,
-            self._course.key.index,
+            key,
+            is_keyframe=followed.is_due,
             seen=seen,
             alignment=followed.alignment,
             covariance=followed.covariance,

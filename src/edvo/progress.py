@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from edvo.assessing import SCATTER_M
 from edvo.course import Course
 from edvo.doubt import Doubt
 from edvo.inertia import Inertia
@@ -207,7 +208,8 @@ class Progress:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Where contours say that a frame is, along what nothing else constrains, and how surely.
 
-        Not where depth repeats, something moves, or a hand does not move a camera so far.
+        Not where depth repeats, or something moves; nor where they lead away from where it was
+        expected: then they are those of what moves, and has not been noticed yet.
         """
         timestamp, T_key_cur = seen.frame.timestamp, alignment.T_ref_cur
         moves = seen.is_stale or self._standing.is_moving(timestamp)
@@ -215,8 +217,9 @@ class Progress:
             return T_key_cur, covariance
         with self._clock("registration"):
             along = self._contours.along(self._course.key, seen, T_key_cur, covariance)
-        assessor = self._locator.assessor
-        if along is None or assessor.off(along.T_key_cur, timestamp) > assessor.limit(timestamp):
+        off = self._locator.assessor.off
+        most = max(off(T_key_cur, timestamp), SCATTER_M)
+        if along is None or off(along.T_key_cur, timestamp) > most:
             return T_key_cur, covariance
         return along
 

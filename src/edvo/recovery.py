@@ -74,8 +74,7 @@ class Recovery:
         -------
         bool
         """
-        drifting = self._course.is_blind and self._course.anchor is not None
-        return drifting and self._course.unseen(timestamp) > LONG_LOST_S
+        return self._course.is_adrift and self._course.unseen(timestamp) > LONG_LOST_S
 
     def is_long_lost(self, timestamp: float) -> bool:
         """Whether it has been lost for so long that it may be anywhere it was before.

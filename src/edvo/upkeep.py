@@ -8,6 +8,7 @@ the time of the frame after. What the first frame registered with it tells of it
 
 import logging
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +44,13 @@ class _Due:
     T_key_cur: NDArray[np.float64] | None = None  # where the keyframe stays, and gathers its edges
 
 
+class _Bare(NamedTuple):
+    """A keyframe with hardly any edges, and the last one before it that has."""
+
+    keyframe: Keyframe
+    before: Keyframe
+
+
 class Upkeep:
     """Makes the keyframes of a course, adds to them, and stores them.
 
@@ -71,6 +79,7 @@ class Upkeep:
         self._information = Information()
         self._last_good = LastGood()
         self._due: _Due | None = None
+        self._bare: _Bare | None = None
         self._renewal: NDArray[np.float64] | None = None  # by which velocity, if one is due
 
     def catch_up(self) -> None:
@@ -147,7 +156,8 @@ class Upkeep:
         # one that has gathered the last frame's edges, and serves no better, gives way
         fresh = seen.frame.timestamp - key.gathered_at > 1.5 * period
         gathers = due and fresh and seen.is_near and is_whole
-        gathers = gathers and not wanted and may_gather(rule, key, T_key_cur, share)
+        gathers = gathers and not (wanted or self._before_bare)
+        gathers = gathers and may_gather(rule, key, T_key_cur, share)
         together = rule.window > 2 and is_whole and velocity is not None and is_tracked
         if gathers:
             due = False
@@ -187,6 +197,37 @@ class Upkeep:
         """
         kept, telling = self._with_edges(seen, velocity)
         return self._finish(kept, telling, self._planes(kept), index, velocity)
+
+    def make_bare(self, seen: Seen, index: int) -> None:
+        """Make a frame the keyframe that has hardly any edges; no place is found again by it.
+
+        Parameters
+        ----------
+        seen : Seen
+            The frame that was seen last, kept.
+        index : int
+            Its number.
+        """
+        before, where = self._before_bare or self._course.key, self._course.T_world_last
+        with self._clock("keyframe"):
+            keyframe = self._front_end.keyframe(seen, index, where, self._pieces.here)
+            self.take(keyframe, keep=False)
+            self._contours.hold(keyframe, seen)
+        self._bare = _Bare(keyframe, before)
+
+    def leave_bare(self) -> None:
+        """Compare the next frame with the last keyframe that has edges, if this one has hardly any.
+
+        For one that was lost in darkness, and sees edges again.
+        """
+        if self._before_bare is not None:
+            self._course.compare_with(self._before_bare)
+
+    @property
+    def _before_bare(self) -> Keyframe | None:
+        """The last keyframe with edges, where this one has hardly any; None where it has."""
+        bare = self._bare
+        return bare.before if bare is not None and bare.keyframe is self._course.key else None
 
     def _with_edges(self, seen: Seen, velocity: NDArray[np.float64] | None) -> tuple[Seen, int]:
         """Find edges that a keyframe is to have, and how many of them tell places."""

@@ -63,6 +63,13 @@ VARIANTS = (
         "planes: lead where a view has changed",
         ("planes.weight=1", "planes.alone_share=0.5", "planes.lead=changed-views"),
     ),
+    Variant(
+        "planes: no keyframes of depth alone", ("planes.weight=1", "planes.alone_keyframes=none")
+    ),
+    Variant(
+        "planes: keyframes of depth alone",
+        ("planes.weight=1", "planes.alone_share=0.5", "planes.alone_keyframes=made"),
+    ),
     Variant("planes: contours not followed", ("planes.weight=1", "planes.contours=none")),
     Variant(
         "planes: contours followed",
