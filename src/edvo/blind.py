@@ -65,7 +65,8 @@ class Blind:
         self._course, self._doubt = course, doubt
         self._is_on = kit.fitter.is_on and kit.config.planes.alone_share > 0
         self._makes_keyframes = kit.config.planes.alone_keyframes == "made"
-        self._depth = np.empty((0, 0), np.float32)  # of the last frame without edges
+        self._depth = np.empty((0, 0), np.float32)  # of the last frame without edges, which has
+        self._repeats = 0  # come again so many times
 
     def may_tell(self, frame: Frame) -> bool:
         """Whether depth alone may say how a camera moves.
@@ -81,8 +82,28 @@ class Blind:
         """
         sight = glimpse(frame.depth)
         fresh = not np.array_equal(sight, self._depth)  # to the bit: depth is frozen
-        self._depth = sight
+        self._depth, self._repeats = sight, 0 if fresh else self._repeats + 1
         return fresh and self._is_on and self._course.keyframe is not None
+
+    def wait(self, timestamp: float) -> bool:
+        """Go on as it went while depth repeats for the first time: each image has one, no more.
+
+        Parameters
+        ----------
+        timestamp : float
+            Of a frame that may not tell, seconds.
+
+        Returns
+        -------
+        bool
+            Whether it does, and the course has moved.
+        """
+        course = self._course
+        if self._repeats != 1 or not course.is_blind or not course.follows(timestamp):
+            return False
+        course.leap(course.T_key_last @ course.ahead(timestamp))
+        course.last_time = timestamp
+        return True
 
     def follow(self, seen: Seen, few: str) -> Followed:
         """Go on by depth alone, where it fits the keyframe's; the frame is degraded, or lost.

@@ -57,6 +57,7 @@ logger = logging.getLogger(__name__)
 NOWHERE = "lost; looks like no place seen before"
 UNSURE = "after a stretch without edges they fit no place for sure"
 ANEW = "begun anew where it was expected; what was seen before has not been seen since"
+SAME_DEPTH = "depth alone, which is the same as before"
 # Where depth alone says where it is, what it errs by comes back with the velocity that moves the
 # next depth, and grows if that was taken so much later than its image, over the time between two.
 FED_BACK = 0.4
@@ -327,7 +328,11 @@ class Odometry:
         """Go on by depth where there are hardly any edges, or begin anew; else it is lost."""
         bare = self._depth_alone.has_to_tell(seen.samples)
         if bare and not self._blind.may_tell(seen.frame):
-            return self._lose_sight(seen, reason, alignment)
+            timestamp, course = seen.frame.timestamp, self._course
+            if not self._blind.wait(timestamp):
+                return self._lose_sight(seen, reason, alignment)
+            where = course.T_key_last, course.key.index
+            return self._record.keep(timestamp, Status.DEGRADED, SAME_DEPTH, *where, seen=seen)
         if bare and self._course.period(seen.frame.timestamp) <= LONGEST_PREDICTION_S:
             return self._follow_depth(seen, reason)
         return self._give_in(seen, reason, alignment)
