@@ -209,7 +209,7 @@ class Progress:
         """Where contours say that a frame is, along what nothing else constrains, and how surely.
 
         Not where depth repeats, or something moves; nor where they lead away from where it was
-        expected: then they are those of what moves, and has not been noticed yet.
+        expected: they may be of what moves and has not been noticed yet, in the first second most.
         """
         timestamp, T_key_cur = seen.frame.timestamp, alignment.T_ref_cur
         moves = seen.is_stale or self._standing.is_moving(timestamp)
@@ -218,7 +218,8 @@ class Progress:
         with self._clock("registration"):
             along = self._contours.along(self._course.key, seen, T_key_cur, covariance)
         off = self._locator.assessor.off
-        most = max(off(T_key_cur, timestamp), SCATTER_M)
+        stray = SCATTER_M / 4 if self._doubt.has_just_begun(timestamp) else SCATTER_M
+        most = max(off(T_key_cur, timestamp), stray)
         if along is None or off(along.T_key_cur, timestamp) > most:
             return T_key_cur, covariance
         return along
