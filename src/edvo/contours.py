@@ -22,7 +22,13 @@ from edvo.matching import EdgeIndex
 from edvo.planes import PlaneFitter
 from edvo.registration import Registration
 from edvo.seen import Seen
-from edvo.uncertainty import BOUNDS, Uncertainty, degenerate_directions, in_current_camera
+from edvo.uncertainty import (
+    BOUNDS,
+    PER_SQUARES,
+    Uncertainty,
+    degenerate_directions,
+    in_current_camera,
+)
 
 FARTHEST_M, PER_LOG = 10.0, 85.0  # depth as grey levels: from black on, and so many to a factor e
 STEP, REACH_PX = 1.04, 3  # by what factor depth has to rise, within how many pixels
@@ -135,7 +141,10 @@ class Contours:
         held = self._held
         if not self._is_on or held is None or held.index != key.index:
             return None
-        own = in_current_camera(covariance, T_key_cur) / _BOUNDS
+        own = in_current_camera(covariance, T_key_cur)
+        if own.diagonal() @ PER_SQUARES < 1:  # as then is each eigenvalue
+            return None
+        own /= _BOUNDS
         values, ways = np.linalg.eigh(own)
         loose = ways[:, values > 1]
         found = self._registered(held, key, seen, T_key_cur) if loose.size else None

@@ -432,7 +432,8 @@ class Odometry:
         status, reason = placed.status, placed.reason
         if status is Status.TRACKED and doubt.lasts(timestamp):
             status, reason = Status.DEGRADED, doubt.reason
-        was_sure, doubt.is_sure = doubt.is_sure, status is Status.TRACKED
+        doubted = not doubt.is_sure or doubt.is_way_loose(timestamp - step.period)
+        doubt.is_sure = status is Status.TRACKED
         self._progress.learn(placed, step, has_time=has_time)
         degenerate = tuple(describe(way) for way in step.loose)
         if not degenerate:  # else it may still be off along those
@@ -463,7 +464,7 @@ class Odometry:
         if is_keyframe:
             if step.follows:
                 doubt.mind_start(alignment, timestamp)
-            if self._progress.is_adrift or (degenerate and not was_sure):
+            if self._progress.is_adrift or (degenerate and doubted and not step.is_held):
                 doubt.cast_on_way(timestamp)
             if self._progress.is_adrift or tells_more:
                 self._earlier.leave(timestamp)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edvo.assessing import SCATTER_M
+from edvo.contours import Along
 from edvo.course import Course
 from edvo.doubt import Doubt
 from edvo.inertia import Inertia
@@ -44,6 +45,8 @@ class Step(NamedTuple):
         Motions that hardly anything constrains.
     follows : bool
         Whether the last pose is that of a moment ago, and it has moved here from there.
+    is_held : bool
+        Whether contours of depth tell of all these motions.
     """
 
     registered: Seen
@@ -53,6 +56,7 @@ class Step(NamedTuple):
     told: NDArray[np.float64] | None
     loose: NDArray[np.float64]
     follows: bool
+    is_held: bool
 
 
 class Progress:
@@ -120,9 +124,10 @@ class Progress:
         registered = placed.seen if placed.still is None else placed.still.seen
         follows = course.follows(timestamp) and found is None
         covariance, by_depth = self._covariance(registered, alignment)
-        T_key_cur, sure = alignment.T_ref_cur, covariance
+        along = None
         if follows and covariance is not None:
-            T_key_cur, sure = self._along(registered, alignment, covariance)
+            along = self._along(registered, alignment, covariance)
+        T_key_cur, sure = along or (alignment.T_ref_cur, covariance)
         T_last_cur, seconds = course.moved(T_key_cur, timestamp)
         period = seconds if course.is_blind else course.period(timestamp)
         went = timestamp, alignment, T_key_cur, sure, T_last_cur, seconds, period
@@ -140,7 +145,8 @@ class Progress:
                 told = self._timing.widened(*given, period, velocity if follows else None)
                 loose = degenerate_directions(told)
         course.is_blind = False
-        return Step(registered, period, velocity, covariance, told, loose, follows)
+        is_held = along is not None and not along.leaves_open
+        return Step(registered, period, velocity, covariance, told, loose, follows, is_held)
 
     def learn(self, placed: Placed, step: Step, *, has_time: bool) -> None:
         """Learn how well things fit, what errors have in common, and when parts are taken.
@@ -205,8 +211,8 @@ class Progress:
 
     def _along(
         self, seen: Seen, alignment: Alignment, covariance: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Where contours say that a frame is, along what nothing else constrains, and how surely.
+    ) -> Along | None:
+        """Where contours say that a frame is, along what nothing else constrains.
 
         Not where depth repeats, or something moves; nor where they lead away from where it was
         expected: they may be of what moves and has not been noticed yet, in the first second most.
@@ -214,15 +220,15 @@ class Progress:
         timestamp, T_key_cur = seen.frame.timestamp, alignment.T_ref_cur
         moves = seen.is_stale or self._standing.is_moving(timestamp)
         if moves or self._locator.mender.put_right(alignment) is not None:
-            return T_key_cur, covariance
+            return None
         with self._clock("registration"):
             along = self._contours.along(self._course.key, seen, T_key_cur, covariance)
+        if along is None:
+            return None
         off = self._locator.assessor.off
         stray = SCATTER_M / 4 if self._doubt.has_just_begun(timestamp) else SCATTER_M
         most = max(off(T_key_cur, timestamp), stray)
-        if along is None or off(along.T_key_cur, timestamp) > most:
-            return T_key_cur, covariance
-        return along
+        return along if off(along.T_key_cur, timestamp) <= most else None
 
     def _move(
         self,
