@@ -8,6 +8,7 @@ import pytest
 from edvo import progress
 from edvo.assessing import LEAPT
 from edvo.config import Config
+from edvo.doubt import DOUBTFUL_S
 from edvo.odometry import Status
 from edvo.registration import FAILURES
 from edvo.status import Judge
@@ -135,15 +136,37 @@ def test_not_while_something_moves(turn, monkeypatch, moves):
     assert bool(asked) != moves
 
 
-@pytest.mark.parametrize(("was_sure", "is_open"), [(True, True), (False, True), (False, False)])
+@pytest.mark.parametrize("held", [False, True])
+@pytest.mark.parametrize(
+    ("was_sure", "way_is_loose", "is_open"),
+    [
+        (True, False, True),
+        (True, True, True),
+        (False, False, True),
+        (False, True, True),
+        (False, True, False),
+    ],
+)
 def test_a_keyframe_that_is_hardly_constrained_after_a_doubtful_frame(
-    turn, monkeypatch, was_sure, is_open
+    turn, monkeypatch, was_sure, way_is_loose, is_open, held
 ):
-    """It hands on what it is off by: what follows is no better than the way to it."""
+    """It hands on what it is off by: what follows is no better than the way to it.
+
+    But where contours of depth tell it is off by little.
+    """
     odometry, _ = rooms.tracked(turn, "keyframes.rule=gap", "keyframes.gap_frames=2", count=2)
     odometry._doubt.is_sure = was_sure
+    if way_is_loose:  # till this frame
+        odometry._doubt.cast_on_way(turn[1][1].timestamp - DOUBTFUL_S + 1e-3)
+    step = odometry._progress.step
+
+    def stepped(*given):
+        return step(*given)._replace(is_held=held)
+
+    monkeypatch.setattr(odometry._progress, "step", stepped)
     motions = np.eye(6)[:1] if is_open else np.empty((0, 6))
     monkeypatch.setattr(progress, "degenerate_directions", lambda covariance: motions)
     frame = turn[1][2]
     assert odometry.track(frame).is_keyframe
-    assert odometry._doubt.is_way_loose(frame.timestamp) == (is_open and not was_sure)
+    doubtful = is_open and not held and (way_is_loose or not was_sure)
+    assert odometry._doubt.is_way_loose(frame.timestamp) == doubtful
