@@ -112,6 +112,29 @@ def test_lost_in_the_dark_it_is_looked_for_by_what_was_lit():
     assert problems.error(T_true, found.T_world_cam)[0] < 0.003
 
 
+def test_a_flash_in_the_dark_that_fits_nothing_changes_nothing():
+    """After a frame that is lost it is compared with what was lit, and then no longer."""
+    ways = lit(0.0, LIT) + dark(0.0, 0.6)
+    odometry, results, _ = tracked(ways)
+    key, k = results[-1].keyframe, len(ways)
+    assert key >= LIT
+    frame, _ = seen(0.6, k * PERIOD, dark=True)
+    depth = np.where(np.arange(problems.CAMERA.width) < 20, frame.depth, np.float32(0))
+    assert odometry.track(replace(frame, depth=depth)).status is Status.LOST
+    flash, _ = seen(0.61, (k + 1) * PERIOD)
+    grey = np.random.default_rng(0).integers(0, 255, flash.grey.shape).astype(np.uint8)
+    assert odometry.track(replace(flash, grey=grey)).status is not Status.TRACKED
+    after = odometry.track(seen(0.62, (k + 2) * PERIOD, dark=True)[0])
+    assert (after.status, after.keyframe) == (Status.DEGRADED, key)
+
+
+def test_without_a_store_of_places_as_well():
+    ways = lit(0.0, LIT) + dark(0.0, 1.0) + lit(1.0, 5)
+    _, results, off = tracked(ways, "keyframes.stored=0", "keyframes.earlier=0")
+    assert Status.LOST not in {result.status for result in results}
+    assert off.max() < 0.01
+
+
 def test_the_paper_makes_none():
     assert Config.preset("paper").planes.alone_keyframes == "none"
     assert Config().planes.alone_keyframes == "made"

@@ -175,9 +175,7 @@ def test_depth_that_repeats_is_no_witness():
     results = [odometry.track(dark(frames[5], 10 + k * PERIOD)) for k in range(5, 9)]
     assert [result.status for result in results] == [Status.DEGRADED] * 2 + [Status.LOST] * 2
     assert results[1].reason == SAME_DEPTH
-    step = se3.inverse(results[0].T_world_cam) @ results[1].T_world_cam
-    before = se3.inverse(odometry.trajectory.poses[4]) @ results[0].T_world_cam
-    np.testing.assert_allclose(step, before, atol=1e-3)  # as it went
+    np.testing.assert_array_equal(results[1].T_world_cam, results[0].T_world_cam)
     result = odometry.track(dark(frames[9], 10 + 9 * PERIOD))
     assert result.status is Status.DEGRADED
 

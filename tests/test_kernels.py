@@ -1023,7 +1023,7 @@ def test_surround(rng, shape, step, reach):
 def test_fill_gaps(rng, shape):
     depth = rng.uniform(0.3, 8.0, shape).astype(np.float32)
     depth[rng.random(shape) < 0.6] = 0
-    depth[0] = 0
+    depth[: shape[0] // 3] = 0
     filled = np.empty_like(depth)
     _, expected = both(
         "fill_gaps", lambda: kernels.fill_gaps(depth, filled), lambda: twins.fill_gaps(depth)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edvo import se3
+from edvo.contours import Along
 from edvo.course import FADING_S, Course
 from edvo.doubt import Doubt
 from edvo.frame import Frame
@@ -85,8 +86,10 @@ class Blind:
         self._depth, self._repeats = sight, 0 if fresh else self._repeats + 1
         return fresh and self._is_on and self._course.keyframe is not None
 
-    def wait(self, timestamp: float) -> bool:
-        """Go on as it went while depth repeats for the first time: each image has one, no more.
+    def may_wait(self, timestamp: float) -> bool:
+        """Whether a frame may stay where the last one was, since its depth is still that of it.
+
+        Once, where depth comes a little less often than colour: it has not frozen by then.
 
         Parameters
         ----------
@@ -96,14 +99,30 @@ class Blind:
         Returns
         -------
         bool
-            Whether it does, and the course has moved.
         """
         course = self._course
-        if self._repeats != 1 or not course.is_blind or not course.follows(timestamp):
-            return False
-        course.leap(course.T_key_last @ course.ahead(timestamp))
-        course.last_time = timestamp
-        return True
+        return self._repeats == 1 and course.is_blind and course.follows(timestamp)
+
+    def _along(
+        self,
+        seen: Seen,
+        alignment: Alignment,
+        covariance: NDArray[np.float64],
+        expected: NDArray[np.float64],
+    ) -> Along | None:
+        """Where contours say that a frame is, along what planes leave open, if planes fit there."""
+        course, timestamp = self._course, seen.frame.timestamp
+        if self._doubt.moved(timestamp):
+            return None
+        given = course.key, seen, alignment.T_ref_cur, covariance
+        along = self._contours.along(*given, expected)
+        if along is None:
+            return None
+        parts = course.key, seen.samples, seen.points
+        there = self._depth_alone.at(*parts, along.T_key_cur, alignment)
+        T_last_cur = se3.inverse(course.T_key_last) @ along.T_key_cur
+        speed = speed_of(T_last_cur, course.period(timestamp))
+        return None if self._judge.judge_alone(there, len(seen.points.sigma), *speed) else along
 
     def follow(self, seen: Seen, few: str) -> Followed:
         """Go on by depth alone, where it fits the keyframe's; the frame is degraded, or lost.
@@ -129,7 +148,7 @@ class Blind:
             parts = key, seen.samples, seen.points
             alignment = self._depth_alone.align(*parts, start)
             covariance = self._depth_alone.covariance(*parts, alignment)
-            along = self._contours.along(key, seen, alignment.T_ref_cur, covariance)
+            along = self._along(seen, alignment, covariance, start)
             if along is not None:
                 alignment = self._depth_alone.at(*parts, along.T_key_cur, alignment)
         T_last_cur = se3.inverse(course.T_key_last) @ alignment.T_ref_cur
@@ -160,6 +179,7 @@ class Blind:
         course.is_blind, course.last_time = True, timestamp
         course.step(alignment.T_ref_cur, T_last_cur, period)
         self._instants.interrupt()
+        # where it has drifted by then the anchor says so, of all that follows
         few_fit = alignment.plane_points < DUE_SHARE * len(seen.points.sigma)
         is_due = self._makes_keyframes and few_fit and not is_open
         return Followed(alignment, status, reason, covariance, loose, is_due)

@@ -400,8 +400,8 @@ class PlanesConfig(Section):
         default="made",
         description="such a frame is the next keyframe where fewer than three quarters of its "
         "points lie on planes of the last one, and depth leaves no motion open: so the camera is "
-        "followed for as long as darkness lasts. Or it is lost once alone_share is undercut. Not "
-        "in the paper",
+        "followed for as long as darkness lasts. Or it is lost once alone_share is undercut. With "
+        "alone_share. Not in the paper",
     )
     lead: Literal["changed-views", "none"] = Field(
         default="changed-views",
@@ -413,7 +413,8 @@ class PlanesConfig(Section):
         default="followed",
         description="along motions that neither edges nor planes constrain, a pose is moved to "
         "where the contours of depth fit those of the keyframe, as in darkness, or where white "
-        "things stand before white walls. It stays degraded. Not in the paper",
+        "things stand before white walls. It stays degraded. With planes.weight, and of frames "
+        "with edges with status.covariance. Not in the paper",
     )
     outvoted: Literal["asked", "left"] = Field(
         default="asked",

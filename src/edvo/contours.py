@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from edvo import kernels, se3
 from edvo.camera import Camera
-from edvo.config import Config
+from edvo.config import Config, EdgesConfig
 from edvo.edges import EdgeBuffers, EdgePixels, extract_edges
+from edvo.gathering import carried
 from edvo.keyframes import Keyframe
 from edvo.matching import EdgeIndex
 from edvo.planes import PlaneFitter
@@ -25,17 +26,21 @@ from edvo.seen import Seen
 from edvo.uncertainty import (
     BOUNDS,
     PER_SQUARES,
+    PRODUCTS,
     Uncertainty,
     degenerate_directions,
     in_current_camera,
 )
 
 FARTHEST_M, PER_LOG = 10.0, 85.0  # depth as grey levels: from black on, and so many to a factor e
-STEP, REACH_PX = 1.04, 3  # by what factor depth has to rise, within how many pixels
+# How the edges of that are found, whatever is set for those of images
+EDGES = EdgesConfig(bands="kept", max_noise=0.0)
+STEP, REACH_PX = 1.04, 3  # a slope rises by less, within so many pixels
 FEWEST, MOST = 60, 1500  # contour pixels that tell a pose; that are taken for it
 FIRST_SIGMA_PX = 2.0  # along what was open they are off by pixels, and across it they fit
 AGREEING = 0.5  # of them, that have to lie where those of the keyframe do
-_BOUNDS = np.outer(BOUNDS, BOUNDS)
+STRAY_M = 0.02  # by which poses scatter, and contours may lead away from where one was expected
+KEPT = 3  # keyframes whose depth is kept
 
 
 class Along(NamedTuple):
@@ -76,7 +81,7 @@ class Contours:
     camera : Camera
         Of all frames.
     config : Config
-        Its ``planes.contours`` and ``edges``.
+        Its ``planes.contours``.
     registration : Registration
     fitter : PlaneFitter
         Its term: how points are compared with planes.
@@ -92,17 +97,18 @@ class Contours:
         fitter: PlaneFitter,
         uncertainty: Uncertainty,
     ) -> None:
-        is_known = config.status.covariance != "none"
-        self._is_on = config.planes.contours == "followed" and fitter.is_on and is_known
-        plain = {"extractor": "canny", "bands": "kept", "max_noise": 0.0}
-        self._edges = config.edges.model_copy(update=plain)
+        self._is_on = config.planes.contours == "followed" and fitter.is_on
         self._camera, self._term = camera, fitter.term
         self._registration, self._uncertainty = registration, uncertainty
         self._buffers: EdgeBuffers | None = None  # hardly any run needs them
-        self._held: _Held | None = None
+        self.forget()
+
+    def forget(self) -> None:
+        """Drop all that is held."""
+        self._held: list[_Held] = []
 
     def hold(self, keyframe: Keyframe, seen: Seen) -> None:
-        """Remember the depth of a keyframe.
+        """Remember the depth of a keyframe, and of the two before it.
 
         Parameters
         ----------
@@ -111,7 +117,21 @@ class Contours:
             What it was made of, its images kept.
         """
         if self._is_on:
-            self._held = _Held(keyframe.index, seen.frame.depth, seen.T_cam_depth)
+            held = _Held(keyframe.index, seen.frame.depth, seen.T_cam_depth)
+            self._held = [held, *self._held[: KEPT - 1]]
+
+    def move(self, keyframe: Keyframe, T_cam_depth: NDArray[np.float64] | None) -> None:
+        """Take note that the depth of a keyframe was taken elsewhere than was thought.
+
+        Parameters
+        ----------
+        keyframe : Keyframe
+        T_cam_depth : ndarray of float64, shape (4, 4), or None
+            See `edvo.seen.Seen`.
+        """
+        for held in self._held:
+            if held.index == keyframe.index:
+                held.T_cam_depth, held.found = T_cam_depth, None
 
     def along(
         self,
@@ -119,6 +139,8 @@ class Contours:
         seen: Seen,
         T_key_cur: NDArray[np.float64],
         covariance: NDArray[np.float64],
+        T_key_expected: NDArray[np.float64],
+        stray_m: float = STRAY_M,
     ) -> Along | None:
         """Move a pose along what is not constrained to where contours fit.
 
@@ -126,60 +148,72 @@ class Contours:
         ----------
         key : Keyframe
         seen : Seen
-            The frame, its depth a new one.
+            The frame.
         T_key_cur : ndarray of float64, shape (4, 4)
             Where it was found.
         covariance : ndarray of float64, shape (6, 6)
             Of that.
+        T_key_expected : ndarray of float64, shape (4, 4)
+            Where it was expected: contours that lead away from there are of what moves by itself.
+        stray_m : float, optional
+            By so much they may.
 
         Returns
         -------
         Along or None
             None where all is constrained, or contours do not tell what is not: there are hardly
-            any, they do not fit, or run along that motion themselves.
+            any, they do not fit, run along that motion themselves, or are not the scene's; where
+            depth repeats, or a part of the view is known to move or to be the camera's own; and
+            of a keyframe that is not one of the last three.
         """
-        held = self._held
-        if not self._is_on or held is None or held.index != key.index:
+        held = next((each for each in self._held if each.index == key.index), None)
+        if held is None or seen.is_stale or seen.without_movers or seen.is_parted:
             return None
         own = in_current_camera(covariance, T_key_cur)
         if own.diagonal() @ PER_SQUARES < 1:  # as then is each eigenvalue
             return None
-        own /= _BOUNDS
+        own /= PRODUCTS
         values, ways = np.linalg.eigh(own)
         loose = ways[:, values > 1]
-        found = self._registered(held, key, seen, T_key_cur) if loose.size else None
-        if found is None:
+        registered = self._registered(held, key, seen, T_key_cur) if loose.size else None
+        if registered is None:
             return None
-        variances, mix = np.linalg.eigh(loose.T @ (found.covariance / _BOUNDS) @ loose)
+        T_key_found, known = registered
+        variances, mix = np.linalg.eigh(loose.T @ (known / PRODUCTS) @ loose)
         told, variances = loose @ mix[:, variances < 1], variances[variances < 1]
         if not told.size:
             return None
-        way = se3.log(se3.inverse(T_key_cur) @ found.T_key_cur) / BOUNDS
+        way = se3.log(se3.inverse(T_key_cur) @ T_key_found) / BOUNDS
         T = T_key_cur @ se3.exp(told @ (told.T @ way) * BOUNDS)
-        sure = np.linalg.inv(np.linalg.inv(own) + told / variances @ told.T) * _BOUNDS
-        carried = np.empty((6, 6))
-        kernels.carry_covariance(T, sure, carried)
-        return Along(T, carried)
+        most = max(se3.distance(T_key_cur, T_key_expected), stray_m)
+        if se3.distance(T, T_key_expected) > most:
+            return None
+        sure = np.linalg.inv(np.linalg.inv(own) + told / variances @ told.T) * PRODUCTS
+        in_key = np.empty((6, 6))
+        kernels.carry_covariance(T, sure, in_key)
+        return Along(T, in_key)
 
     def _registered(
         self, held: _Held, key: Keyframe, seen: Seen, T_key_start: NDArray[np.float64]
-    ) -> Along | None:
-        """Register contours and planes, if they fit; the covariance is in the own camera."""
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Register contours and planes, if they fit.
+
+        Returns T_key_cur, and its covariance in the camera of the frame.
+        """
         if held.found is None:
             held.found = self._registration.index(self.find(held.depth, held.T_cam_depth))
         samples = self.find(seen.frame.depth, seen.T_cam_depth)
         if min(len(samples), len(held.found.edges)) < FEWEST:
             return None
         samples = samples.every(math.ceil(len(samples) / MOST))
-        surface = key.planes, seen.points, self._term
-        start = T_key_start[None]
+        start, surface = T_key_start[None], (key.planes, seen.points, self._term)
         found = self._registration.align(
             held.found, samples, start, *surface, first_sigma_px=FIRST_SIGMA_PX
         )
         if not found.converged or found.inliers < max(AGREEING * len(samples), FEWEST):
             return None
         covariance = self._uncertainty.covariance(held.found, samples, *surface, found)
-        return Along(found.T_ref_cur, in_current_camera(covariance, found.T_ref_cur))
+        return found.T_ref_cur, in_current_camera(covariance, found.T_ref_cur)
 
     def find(
         self, depth: NDArray[np.float32], T_cam_depth: NDArray[np.float64] | None = None
@@ -203,19 +237,20 @@ class Contours:
             self._buffers = EdgeBuffers(*depth.shape)
         filled = np.empty(depth.shape, np.float32)
         kernels.fill_gaps(depth, filled)
-        nearness = np.log(FARTHEST_M / np.maximum(filled, np.float32(1e-3)))
-        levels = np.where(filled > 0, np.clip(PER_LOG * nearness, 0, 255), 0).astype(np.uint8)
-        edges = extract_edges(levels, self._edges, self._buffers)
+        edges = extract_edges(_nearness(filled), EDGES, self._buffers)
         depths = np.empty(len(edges), np.float32)
         kernels.nearer_sides(filled, edges.index, REACH_PX, STEP, depths)
         which = np.flatnonzero(depths).astype(np.int32)
         found = edges.describe(self._camera, which, depths[which])
         found = EdgePixels(found.pixels, found.gradients, found.depths)  # they look like none
-        return found if T_cam_depth is None else self._moved(found, T_cam_depth)
+        return found if T_cam_depth is None else carried(found, T_cam_depth, self._camera)
 
-    def _moved(self, edges: EdgePixels, T_cam_depth: NDArray[np.float64]) -> EdgePixels:
-        """Put contours where they would be seen from elsewhere."""
-        camera = self._camera
-        x, y, z = (edges.points(camera) @ T_cam_depth[:3, :3].T + T_cam_depth[:3, 3]).T
-        pixels = np.column_stack((camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy))
-        return EdgePixels(pixels.astype(np.float32), edges.gradients, z.astype(np.float32))
+
+def _nearness(depth: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Depth as grey levels, by its logarithm: a step by the same factor is as high near and far."""
+    levels = np.maximum(depth, np.float32(1e-3))
+    np.log(levels, out=levels)
+    levels *= -PER_LOG
+    levels += PER_LOG * math.log(FARTHEST_M)
+    levels[depth == 0] = 0  # as if far away
+    return np.clip(levels, 0, 255, out=levels).astype(np.uint8)

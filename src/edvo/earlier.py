@@ -152,7 +152,8 @@ class EarlierKeyframes:
         """Go back to the near keyframe that a frame fits best, if it fits one.
 
         Depth has to fit as ever: what a hand hides of the last one it hides of the others, too, and
-        where some edges of its own fit one of them it would lead the camera astray. That the camera
+        where some edges of its own fit one of them it would lead the camera astray. But not after
+        darkness, through which no hand has come, and in which it has drifted. That the camera
         then has gone farther or less far than expected is no motion, but what the keyframes are off
         each other; that it has turned otherwise is one.
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from edvo import kernels, se3
 from edvo.config import Config
 from edvo.course import FADING_S, HAND
-from edvo.uncertainty import BOUNDS, MARGIN, PER_SQUARES, in_current_camera
+from edvo.uncertainty import BOUNDS, MARGIN, PER_SQUARES, PRODUCTS, in_current_camera
 
 PRIOR_ALONE = 100.0  # times the variance that is called not constrained: 0.26 m or 11 degrees
 NOTHING = 1e4  # the same, of what no registration has told
@@ -22,7 +22,7 @@ UNKNOWN = np.array([0.5] * 3 + [1.0] * 3)  # velocity at first, m/s and rad/s (o
 LOOSE = 1 / 3  # of what is called not constrained; a registration that is surer stands as it is
 LASTING_S = 0.15  # after so long without one that stands, what the filter is sure of is doubtful
 _HAND = (HAND / MARGIN) ** 2  # in the unit of covariances, by which errors are that much smaller
-_PER_BOUNDS = 1 / np.outer(BOUNDS, BOUNDS)
+_PER_BOUNDS = 1 / PRODUCTS
 
 
 class Inertia:

@@ -163,6 +163,11 @@ class Instants:
             return lag
         return slackened(lag, bend, bends, period, acceleration)
 
+    @property
+    def T_cam_depth(self) -> NDArray[np.float64] | None:
+        """Where depth of the last keyframe was taken, as known by now; see `edvo.seen.Seen`."""
+        return None if self._held is None else self._held.T_cam_depth
+
     def velocity_of(self, keyframe: Keyframe) -> NDArray[np.float64] | None:
         """Give the velocity of the camera at a keyframe.
 

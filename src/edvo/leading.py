@@ -54,18 +54,19 @@ class Leading:
             return None
         with self._clock("registration"):
             parts = course.key, seen.samples, seen.points
-            found = self._depth_alone.align(*parts, self._locator.starts(seen)[0])
+            start = self._locator.starts(seen)[0]
+            found = self._depth_alone.align(*parts, start)
+            covariance = self._depth_alone.covariance(*parts, found)
+            if len(degenerate_directions(in_current_camera(covariance, found.T_ref_cur))):
+                given = course.key, seen, found.T_ref_cur, covariance
+                along = self._contours.along(*given, start)
+                if along is None or along.leaves_open:
+                    return None
+                found = self._depth_alone.at(*parts, along.T_key_cur, found)
         T_last_cur = se3.inverse(course.T_key_last) @ found.T_ref_cur
         speed = speed_of(T_last_cur, course.period(timestamp))
         if self._judge.judge_alone(found, len(seen.points.sigma), *speed):
             return None
         assessor = self._locator.assessor
-        if assessor.off(found.T_ref_cur, timestamp) > assessor.limit(timestamp):
-            return None
-        covariance = self._depth_alone.covariance(*parts, found)
-        if not len(degenerate_directions(in_current_camera(covariance, found.T_ref_cur))):
-            return found
-        along = self._contours.along(course.key, seen, found.T_ref_cur, covariance)
-        if along is None or along.leaves_open:
-            return None
-        return self._depth_alone.at(*parts, along.T_key_cur, found)
+        is_near = assessor.off(found.T_ref_cur, timestamp) <= assessor.limit(timestamp)
+        return found if is_near else None

@@ -57,7 +57,7 @@ logger = logging.getLogger(__name__)
 NOWHERE = "lost; looks like no place seen before"
 UNSURE = "after a stretch without edges they fit no place for sure"
 ANEW = "begun anew where it was expected; what was seen before has not been seen since"
-SAME_DEPTH = "depth alone, which is the same as before"
+SAME_DEPTH = "no edges, and the same depth as before"
 # Where depth alone says where it is, what it errs by comes back with the velocity that moves the
 # next depth, and grows if that was taken so much later than its image, over the time between two.
 FED_BACK = 0.4
@@ -117,6 +117,9 @@ class Odometry:
         self._shared = SharedErrors(camera, self.config, solver)
         self._instants = Instants(camera, self.config, self._registration, self._fitter, exposure)
         self._depth_alone = DepthAlone(camera, solver, self._fitter.term, self._uncertainty)
+        self._contours = Contours(
+            camera, self.config, self._registration, self._fitter, self._uncertainty
+        )
         self.reset()
 
     def reset(self, T_world_cam: NDArray[np.float64] | None = None) -> None:
@@ -145,6 +148,7 @@ class Odometry:
         self._front_end.reset()
         self._shared.forget()
         self._instants.forget()
+        self._contours.forget()
         kit = Kit(
             self.camera,
             self.config,
@@ -154,7 +158,7 @@ class Odometry:
             self._front_end,
             self._uncertainty,
             self._depth_alone,
-            Contours(self.camera, self.config, self._registration, self._fitter, self._uncertainty),
+            self._contours,
             self._shared,
             self._instants,
             self._judge,
@@ -325,11 +329,14 @@ class Odometry:
         return Placed(seen, joined, Status.DEGRADED, ASTRAY)
 
     def _give_up(self, seen: Seen, reason: str, alignment: Alignment | None = None) -> TrackedFrame:
-        """Go on by depth where there are hardly any edges, or begin anew; else it is lost."""
+        """Go on by depth where there are hardly any edges, or begin anew; else it is lost.
+
+        Where depth is still that of the last frame, so is the pose.
+        """
         bare = self._depth_alone.has_to_tell(seen.samples)
         if bare and not self._blind.may_tell(seen.frame):
             timestamp, course = seen.frame.timestamp, self._course
-            if not self._blind.wait(timestamp):
+            if not self._blind.may_wait(timestamp):
                 return self._lose_sight(seen, reason, alignment)
             where = course.T_key_last, course.key.index
             return self._record.keep(timestamp, Status.DEGRADED, SAME_DEPTH, *where, seen=seen)
@@ -520,6 +527,7 @@ class Odometry:
         alignment: Alignment | None = None,
     ) -> TrackedFrame:
         """Leave the state as it was, so that the next frame tries again from the keyframe."""
+        self._upkeep.return_to_bare()
         self._instants.interrupt()
         self._doubt.note_loss(leapt=reason.startswith(LEAPT))
         self._recovery.note_lost(seen)

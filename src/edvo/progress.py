@@ -5,8 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from edvo.assessing import SCATTER_M
-from edvo.contours import Along
+from edvo.contours import STRAY_M, Along
 from edvo.course import Course
 from edvo.doubt import Doubt
 from edvo.inertia import Inertia
@@ -46,7 +45,7 @@ class Step(NamedTuple):
     follows : bool
         Whether the last pose is that of a moment ago, and it has moved here from there.
     is_held : bool
-        Whether contours of depth tell of all these motions.
+        Whether contours of depth tell of all of these.
     """
 
     registered: Seen
@@ -138,14 +137,15 @@ class Progress:
         if found is not None:
             velocity = found.velocity
             course.velocity = np.zeros(6) if velocity is None else velocity
-        told, loose = covariance, np.empty((0, 6))
+        told, loose, is_held = covariance, np.empty((0, 6)), False
         if covariance is not None:
             with self._clock("uncertainty"):
                 given = covariance, registered, alignment, by_depth
                 told = self._timing.widened(*given, period, velocity if follows else None)
                 loose = degenerate_directions(told)
+                if along is not None and not along.leaves_open:  # nor do instants
+                    is_held = len(loose) == len(degenerate_directions(covariance))
         course.is_blind = False
-        is_held = along is not None and not along.leaves_open
         return Step(registered, period, velocity, covariance, told, loose, follows, is_held)
 
     def learn(self, placed: Placed, step: Step, *, has_time: bool) -> None:
@@ -214,21 +214,16 @@ class Progress:
     ) -> Along | None:
         """Where contours say that a frame is, along what nothing else constrains.
 
-        Not where depth repeats, or something moves; nor where they lead away from where it was
-        expected: they may be of what moves and has not been noticed yet, in the first second most.
+        Not where something moves; what does may not have been noticed yet in the first second.
         """
-        timestamp, T_key_cur = seen.frame.timestamp, alignment.T_ref_cur
-        moves = seen.is_stale or self._standing.is_moving(timestamp)
-        if moves or self._locator.mender.put_right(alignment) is not None:
+        course, timestamp = self._course, seen.frame.timestamp
+        if self._doubt.moved(timestamp) or self._locator.mender.put_right(alignment) is not None:
             return None
+        stray_m = STRAY_M / 4 if self._doubt.has_just_begun(timestamp) else STRAY_M
+        expected = course.T_key_last @ course.ahead(timestamp)
+        given = course.key, seen, alignment.T_ref_cur, covariance
         with self._clock("registration"):
-            along = self._contours.along(self._course.key, seen, T_key_cur, covariance)
-        if along is None:
-            return None
-        off = self._locator.assessor.off
-        stray = SCATTER_M / 4 if self._doubt.has_just_begun(timestamp) else SCATTER_M
-        most = max(off(T_key_cur, timestamp), stray)
-        return along if off(along.T_key_cur, timestamp) <= most else None
+            return self._contours.along(*given, expected, stray_m)
 
     def _move(
         self,

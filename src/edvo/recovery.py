@@ -166,7 +166,7 @@ class Recovery:
         course.is_blind = bare  # edges that come back then are none that it knows
         course.anchor = (self._pieces.since, T_world_cam) if bare else None
         course.last_time = timestamp
-        self._upkeep.take(keyframe, keep=not bare)
+        self._upkeep.take(keyframe, seen.kept(), keep=not bare)
         self._front_end.forget()
         self._shared.forget()
         self._chain.forget()

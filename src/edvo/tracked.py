@@ -36,8 +36,8 @@ class TrackedFrame:
     T_key_cur : ndarray of float64, shape (4, 4)
         Maps points from the camera to that of the keyframe it was registered with. Where the frame
         becomes a keyframe itself, and is placed by an earlier one, too (``keyframes.window``), or
-        where hardly anything constrains it (``motion.inertia``), it is what follows from that, and
-        no longer the ``alignment``'s alone.
+        where hardly anything constrains it (``planes.contours``, ``motion.inertia``), it is what
+        follows from that, and no longer the ``alignment``'s alone.
     keyframe : int
         Index of that keyframe; -1 where there is none yet.
     is_keyframe : bool
@@ -58,8 +58,8 @@ class TrackedFrame:
         the frame or has let it drift.
     degenerate : tuple of str
         Motions in the keyframe's camera that neither edges nor depth noticed; the frame is then
-        at best ``DEGRADED``. Along them a frame without edges is only predicted, and they are
-        named in its own camera.
+        at best ``DEGRADED``. Along them a frame without edges is only predicted, but where contours
+        of depth tell of them, as its reason says, and they are named in its own camera.
     piece : int
         Which piece of the path it belongs to. 0 is that of the first frame; another one has begun
         where the camera was expected after it was lost for a second: poses given for

@@ -31,6 +31,7 @@ MARGIN = 1.15
 # A direction is degenerate where the pose may be off by 5 cm or 2 degrees: its 90 % interval.
 DEGENERATE_M, DEGENERATE_RAD = 0.05 / 1.645 / MARGIN, np.radians(2.0) / 1.645 / MARGIN
 BOUNDS = np.array([DEGENERATE_M] * 3 + [DEGENERATE_RAD] * 3)
+PRODUCTS = np.outer(BOUNDS, BOUNDS)  # by which a covariance is in units of these
 PER_SQUARES = BOUNDS**-2  # of which the sum over variances is below 1 where each motion is told
 AXES = ("x", "y", "z")
 PURE = 0.1  # share of the smaller part below which a motion is a translation or a rotation alone
@@ -309,7 +310,7 @@ def constrained_directions(covariance: NDArray[np.float64]) -> NDArray[np.float6
         Twists [v, w] as columns, K of 0 to 6: across those of `degenerate_directions`, and each as
         long as there is tolerated.
     """
-    values, vectors = np.linalg.eigh(covariance / np.outer(BOUNDS, BOUNDS))
+    values, vectors = np.linalg.eigh(covariance / PRODUCTS)
     basis: NDArray[np.float64] = vectors[:, values <= 1] * BOUNDS[:, None]
     return basis
 
@@ -330,7 +331,7 @@ def degenerate_directions(covariance: NDArray[np.float64]) -> NDArray[np.float64
     """
     if covariance.diagonal() @ PER_SQUARES < 1:  # as then is each eigenvalue; none is negative
         return np.empty((0, 6))
-    values, vectors = np.linalg.eigh(covariance / np.outer(BOUNDS, BOUNDS))
+    values, vectors = np.linalg.eigh(covariance / PRODUCTS)
     loose = vectors[:, values > 1]
     if not loose.size:
         return np.empty((0, 6))

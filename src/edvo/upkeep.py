@@ -45,7 +45,7 @@ class _Due:
 
 
 class _Bare(NamedTuple):
-    """A keyframe with hardly any edges, and the last one before it that has."""
+    """A keyframe with hardly any edges, and the last one before it that was made of some."""
 
     keyframe: Keyframe
     before: Keyframe
@@ -80,6 +80,7 @@ class Upkeep:
         self._last_good = LastGood()
         self._due: _Due | None = None
         self._bare: _Bare | None = None
+        self._left: _Bare | None = None  # where the last one was left for a moment
         self._renewal: NDArray[np.float64] | None = None  # by which velocity, if one is due
 
     def catch_up(self) -> None:
@@ -141,6 +142,7 @@ class Upkeep:
         is_keyframe : bool
             Whether it is to be that.
         """
+        self._left = None
         rule, key, T_key_cur = self._limits, self._course.key, self._course.T_key_last
         age, better = index - key.index, False
         if rule.early_share < 1 and covariance is not None:
@@ -211,17 +213,23 @@ class Upkeep:
         before, where = self._before_bare or self._course.key, self._course.T_world_last
         with self._clock("keyframe"):
             keyframe = self._front_end.keyframe(seen, index, where, self._pieces.here)
-            self.take(keyframe, keep=False)
-            self._contours.hold(keyframe, seen)
+            self.take(keyframe, seen, keep=False)
         self._bare = _Bare(keyframe, before)
 
     def leave_bare(self) -> None:
-        """Compare the next frame with the last keyframe that has edges, if this one has hardly any.
+        """Compare a frame with the last keyframe that has edges, if the last one has hardly any.
 
         For one that was lost in darkness, and sees edges again.
         """
         if self._before_bare is not None:
-            self._course.compare_with(self._before_bare)
+            self._left, before = self._bare, self._before_bare
+            self._course.compare_with(before)
+
+    def return_to_bare(self) -> None:
+        """Take back `leave_bare`, of a frame that is lost all the same: it may be dark again."""
+        left, self._left = self._left, None
+        if left is not None and left.before is self._course.key:
+            self._course.compare_with(left.keyframe)
 
     @property
     def _before_bare(self) -> Keyframe | None:
@@ -265,20 +273,23 @@ class Upkeep:
                 telling,
                 planes,
             )
-            self.take(keyframe)
+            self.take(keyframe, kept)
             self._instants.hold(keyframe, kept, edges, velocity)
-            self._contours.hold(keyframe, kept)
         return keyframe
 
-    def take(self, keyframe: Keyframe, *, keep: bool = True) -> None:
+    def take(self, keyframe: Keyframe, seen: Seen, *, keep: bool = True) -> None:
         """Register frames with a keyframe from now on, which is where the camera is.
 
         Parameters
         ----------
         keyframe : Keyframe
+        seen : Seen
+            What it was made of, its images kept.
         keep : bool
             Whether it is to be found back to.
         """
+        self._contours.hold(keyframe, seen)
+        self._left = None
         self._course.keyframe, self._course.T_key_last = keyframe, np.eye(4)
         if keep and self._limits.stored:
             self.store.add(keyframe)
@@ -353,6 +364,7 @@ class Upkeep:
         with self._clock("keyframe"):
             keyframe = self._instants.renewed(self._course.key, velocity)
             if keyframe is not None:
+                self._contours.move(keyframe, self._instants.T_cam_depth)
                 self._exchange(self._course.key, keyframe)
 
     def _exchange(self, keyframe: Keyframe, by: Keyframe) -> None:
