@@ -19,6 +19,7 @@ from edvo.status import Status, speed_of
 from edvo.uncertainty import degenerate_directions, describe, in_current_camera
 
 DUE_SHARE = 0.75  # of its points on planes of the keyframe: with fewer it is the next one itself
+STRAY_M = 0.1  # from where it was expected: while nothing told, its velocity was a guess
 HELD = "contours of depth alone told of a motion less than a second ago"
 
 
@@ -115,7 +116,7 @@ class Blind:
         if self._doubt.moved(timestamp):
             return None
         given = course.key, seen, alignment.T_ref_cur, covariance
-        along = self._contours.along(*given, expected)
+        along = self._contours.along(*given, expected, STRAY_M)
         if along is None:
             return None
         parts = course.key, seen.samples, seen.points

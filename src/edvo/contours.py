@@ -133,6 +133,22 @@ class Contours:
             if held.index == keyframe.index:
                 held.T_cam_depth, held.found = T_cam_depth, None
 
+    def may_tell(self, T_key_cur: NDArray[np.float64], covariance: NDArray[np.float64]) -> bool:
+        """Whether a motion may be open, told fast where none is, as of nearly all frames.
+
+        Parameters
+        ----------
+        T_key_cur : ndarray of float64, shape (4, 4)
+        covariance : ndarray of float64, shape (6, 6)
+            As for `along`.
+
+        Returns
+        -------
+        bool
+        """
+        own = in_current_camera(covariance, T_key_cur) if self._is_on else np.zeros((6, 6))
+        return bool(own.diagonal() @ PER_SQUARES >= 1)  # below, each eigenvalue is too
+
     def along(
         self,
         key: Keyframe,
@@ -169,10 +185,7 @@ class Contours:
         held = next((each for each in self._held if each.index == key.index), None)
         if held is None or seen.is_stale or seen.without_movers or seen.is_parted:
             return None
-        own = in_current_camera(covariance, T_key_cur)
-        if own.diagonal() @ PER_SQUARES < 1:  # as then is each eigenvalue
-            return None
-        own /= PRODUCTS
+        own = in_current_camera(covariance, T_key_cur) / PRODUCTS
         values, ways = np.linalg.eigh(own)
         loose = ways[:, values > 1]
         registered = self._registered(held, key, seen, T_key_cur) if loose.size else None

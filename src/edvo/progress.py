@@ -217,6 +217,8 @@ class Progress:
         Not where something moves; what does may not have been noticed yet in the first second.
         """
         course, timestamp = self._course, seen.frame.timestamp
+        if not self._contours.may_tell(alignment.T_ref_cur, covariance):
+            return None
         if self._doubt.moved(timestamp) or self._locator.mender.put_right(alignment) is not None:
             return None
         stray_m = STRAY_M / 4 if self._doubt.has_just_begun(timestamp) else STRAY_M
