@@ -13,6 +13,7 @@ are wrong.
 import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from textwrap import fill
 
 import cv2
 import numpy as np
@@ -21,7 +22,7 @@ from benchmarks.frames import ROOT
 from benchmarks.honesty import WRONG_M_S
 from benchmarks.report import document
 from benchmarks.room_drawing import draw
-from benchmarks.rooms import EDVO, described, render, tracker
+from benchmarks.rooms import COLUMNS, EDVO, described, render, tracker
 from benchmarks.section import table
 from benchmarks.turning import Recorded
 from edvo import se3
@@ -135,7 +136,7 @@ def summary(every: Sequence[Sequence[Outcome]]) -> str:
             f"Of {len(of) * DARK} dark frames {name} loses {lost[0]}, of the {len(of) * AFTER} "
             f"after them {lost[1]}; {wrong} are *tracked* and wrong."
         )
-    return "\n\n".join(lines)
+    return "\n\n".join(fill(line, COLUMNS, break_on_hyphens=False) for line in lines)
 
 
 if __name__ == "__main__":
