@@ -129,7 +129,7 @@ def summary(every: Sequence[Sequence[Outcome]]) -> str:
     median = [np.median([each.off_mm for each in of]) for of in (now, before, peer)]
     offs = [f"{value:.1f} mm" if np.isfinite(value) else "lost" for value in median]
     lines = [f"Median: {offs[0]}; by one keyframe's planes {offs[1]}; {PEER} {offs[2]}."]
-    for name, of in (("edvo", now), ("by one keyframe's planes", before)):
+    for name, of in (("edvo", now), ("edvo by one keyframe's planes", before)):
         lost = [sum(each.lost_in for each in of), sum(each.lost_after for each in of)]
         wrong = sum(each.wrong for each in of)
         lines.append(

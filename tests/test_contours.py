@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from edvo import se3
+from edvo import blind, se3
 from edvo.blind import HELD
 from edvo.config import Config
 from edvo.contours import FEWEST, Contours
+from edvo.doubt import STRAY_M
 from edvo.frame import Frame
 from edvo.leading import LEADS
 from edvo.odometry import Odometry, Status
@@ -44,6 +45,12 @@ def plate(T_world_cam, timestamp, half=PLATE, picture=None, seed=0):
 @pytest.fixture(scope="module")
 def painted():
     return problems.drawn_image(np.random.default_rng(1), (CAMERA.height, CAMERA.width), 40)
+
+
+def stripes():
+    """Level ones: they say nothing of how far to the side the camera is."""
+    level = np.repeat(np.random.default_rng(3).integers(20, 230, 40), 6).astype(np.uint8)
+    return np.ascontiguousarray(np.tile(level[: CAMERA.height, None], (1, CAMERA.width)))
 
 
 def going(way, count=20):
@@ -99,17 +106,17 @@ def test_what_a_near_thing_hides_from_the_sensor_is_behind_it():
     assert np.abs(np.abs(aside[:, 0] - CAMERA.cx) - width).max() < 2.5
 
 
-def test_a_tenth_is_a_step_but_a_slope_is_none(monkeypatch):
+def test_a_tenth_is_a_step_but_a_slope_is_none():
     wall = plate(np.eye(4), 0.0, half=(0, 0)).depth
     assert not len(contours().find(wall))
     for times, any_found in ((1.04, False), (1.15, True)):
         stepped = wall.copy()
         stepped[:, 160:] *= times
         assert bool(len(contours().find(stepped))) is any_found
-    ramp = wall.copy()  # by the same, over so many pixels that it is no step
-    ramp[:, 140:180] *= np.geomspace(1.0, 1.5, 40, dtype=np.float32)
-    ramp[:, 180:] *= 1.5
-    assert not len(contours().find(ramp))
+    slope = wall.copy()  # half as far again, over so many pixels that it is no step
+    slope[:, 140:180] *= np.geomspace(1.0, 1.5, 40, dtype=np.float32)
+    slope[:, 180:] *= 1.5
+    assert not len(contours().find(slope))
 
 
 def test_what_is_set_for_edges_of_images_is_not_for_these():
@@ -172,7 +179,7 @@ def test_they_do_not_fit_a_plate_that_is_another(painted, half, fits):
     assert len(given.find(seen.frame.depth)) > FEWEST
     loose = 1e-6 * np.eye(6)
     loose[0, 0] = 1.0
-    assert (given.along(key, seen, here, loose, here) is not None) == fits
+    assert (given.along(key, seen, here, loose, here, STRAY_M) is not None) == fits
 
 
 def test_what_is_constrained_is_left_as_it_is(painted):
@@ -180,23 +187,23 @@ def test_what_is_constrained_is_left_as_it_is(painted):
     seen = odometry._front_end.see(plate(going([0.02, 0, 0, 0, 0, 0])[-1], 1.0, seed=9), 9)
     key, given = odometry._course.key, odometry._blind._contours
     here, there = np.eye(4), se3.exp(np.array([0.02, 0, 0, 0, 0, 0]))
-    assert given.along(key, seen, here, 1e-6 * np.eye(6), there) is None
+    assert given.along(key, seen, here, 1e-6 * np.eye(6), there, STRAY_M) is None
     loose = 1e-6 * np.eye(6)
     loose[0, 0] = 1.0
-    along = given.along(key, seen, here, loose, there)
+    along = given.along(key, seen, here, loose, there, STRAY_M)
     assert along is not None
     assert not along.leaves_open
     np.testing.assert_allclose(along.T_key_cur[:3, 3], (0.02, 0, 0), atol=0.006)
     np.testing.assert_allclose(along.T_key_cur[:3, :3], np.eye(3), atol=1e-3)
     assert along.covariance[0, 0] < DEGENERATE_M**2
     np.testing.assert_allclose(np.diag(along.covariance)[1:], 1e-6, rtol=0.2)
-    assert given.along(replace(key, index=key.index + 1), seen, here, loose, there) is None
+    assert given.along(replace(key, index=key.index + 1), seen, here, loose, there, STRAY_M) is None
     for flag in ("is_stale", "is_parted", "without_movers"):
-        assert given.along(key, replace(seen, **{flag: True}), here, loose, there) is None
+        assert given.along(key, replace(seen, **{flag: True}), here, loose, there, STRAY_M) is None
     assert given.along(key, seen, here, loose, here, 0.03) is not None  # as far as poses scatter
     assert given.along(key, seen, here, loose, here, 0.01) is None
     elsewhere = se3.exp(np.array([-0.05, 0, 0, 0, 0, 0]))  # where it was expected
-    assert given.along(key, seen, here, loose, elsewhere) is None
+    assert given.along(key, seen, here, loose, elsewhere, STRAY_M) is None
 
 
 def test_beside_edges_of_one_direction_they_say_the_rest():
@@ -204,18 +211,15 @@ def test_beside_edges_of_one_direction_they_say_the_rest():
 
     In the first second they may be of what moves, and has not been noticed yet.
     """
-    rng = np.random.default_rng(3)
-    level = np.repeat(rng.integers(20, 230, 40), 6).astype(np.uint8)[: CAMERA.height]
-    stripes = np.ascontiguousarray(np.tile(level[:, None], (1, CAMERA.width)))
     poses = going([0.1, 0, 0, 0, 0, 0])
     ends = []
     for overrides in ((), (OFF,)):
         odometry = Odometry(CAMERA, Config().with_overrides(overrides))
         for k in range(32):
-            odometry.track(plate(np.eye(4), k * PERIOD, FAR_UP, stripes, k))
+            odometry.track(plate(np.eye(4), k * PERIOD, FAR_UP, stripes(), k))
         results = []
         for k, T in enumerate(poses, start=32):
-            results.append(odometry.track(plate(T, k * PERIOD, FAR_UP, stripes, k)))
+            results.append(odometry.track(plate(T, k * PERIOD, FAR_UP, stripes(), k)))
         ends.append(results)
     followed, left = ends
     assert abs(followed[-1].T_world_cam[0, 3] - 0.1) < 0.012
@@ -223,18 +227,44 @@ def test_beside_edges_of_one_direction_they_say_the_rest():
     assert abs(left[-1].T_world_cam[0, 3] - 0.1) > 0.03
 
 
-def test_a_plate_that_slides_by_in_the_dark_takes_nobody_along(painted):
-    """Faster than a camera at rest is expected to move, it is no contour of the scene."""
+@pytest.mark.parametrize(("bound_m", "follows"), [(0.01, False), (0.1, True)])
+def test_they_do_not_lead_farther_than_a_camera_goes(painted, monkeypatch, bound_m, follows):
+    """A plate that slides by in the dark takes along whoever is not asked how far he may go."""
+    monkeypatch.setattr(blind, "DARK_STRAY_M", bound_m)
+    odometry, _ = in_white(painted, [])
+    for k in range(2, 8):
+        T = se3.exp(np.array([-0.02 * (k - 1), 0, 0, 0, 0, 0]))  # as if the camera went
+        result = odometry.track(plate(T, k * PERIOD, seed=k))
+    assert (problems.error(np.eye(4), result.T_world_cam)[0] > 0.05) == follows
+
+
+@pytest.mark.parametrize("is_striped", [False, True])
+def test_not_where_something_moves(painted, is_striped):
+    """In the dark, and beside edges that tell one way along the wall."""
     ends = []
     for overrides in ((), (OFF,)):
-        odometry, _ = in_white(painted, [], *overrides)
-        for k in range(2, 12):
-            T = se3.exp(np.array([-0.05 * (k - 1), 0, 0, 0, 0, 0]))  # as if the camera went
-            result = odometry.track(plate(T, k * PERIOD, seed=k))
+        odometry = Odometry(CAMERA, Config().with_overrides(overrides))
+        for k in range(32):
+            odometry._doubt.moving_time = (k - 1) * PERIOD
+            lit = stripes() if is_striped else painted
+            odometry.track(plate(np.eye(4), k * PERIOD, FAR_UP, lit, k))
+        for k, T in enumerate(going([0.03, 0, 0, 0, 0, 0], 6), start=32):
+            odometry._doubt.moving_time = (k - 1) * PERIOD
+            picture = stripes() if is_striped else None
+            result = odometry.track(plate(T, k * PERIOD, FAR_UP, picture, k))
         ends.append(result.T_world_cam)
-    distance, angle = problems.error(*ends)
-    assert distance < 0.002
-    assert angle < 0.5
+    np.testing.assert_array_equal(*ends)
+
+
+def test_once_it_is_known_how_fast_a_keyframe_went_its_contours_are_moved(painted):
+    odometry = Odometry(CAMERA)
+    for k in range(4):
+        T = se3.exp(np.array([0.015 * k, 0, 0, 0, 0, 0]))
+        frame = plate(T, k * PERIOD, picture=np.roll(painted, -2 * k, axis=1), seed=k)
+        odometry.track(replace(frame, depth_delay=0.03))
+    held = odometry._contours._held[-1]
+    assert held.index == 0
+    np.testing.assert_allclose(held.T_cam_depth[:3, 3], (0.0135, 0, 0), atol=0.004)
 
 
 def test_depth_that_was_elsewhere_than_was_thought_is_moved(painted):
@@ -245,10 +275,10 @@ def test_depth_that_was_elsewhere_than_was_thought_is_moved(painted):
     loose = 1e-6 * np.eye(6)
     loose[0, 0] = 1.0
     expected = se3.exp(np.array([0.02, 0, 0, 0, 0, 0]))
-    at_once = given.along(key, seen, np.eye(4), loose, expected)
+    at_once = given.along(key, seen, np.eye(4), loose, expected, STRAY_M)
     T = se3.exp(np.array([0.01, 0, 0, 0, 0, 0]))
     given.move(key, T)
-    late = given.along(key, seen, np.eye(4), loose, expected)
+    late = given.along(key, seen, np.eye(4), loose, expected, STRAY_M)
     off = late.T_key_cur[:3, 3] - at_once.T_key_cur[:3, 3]
     np.testing.assert_allclose(off, (0.01, 0, 0), atol=0.002)
 

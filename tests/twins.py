@@ -691,14 +691,11 @@ def fill_gaps(depth):
     return filled
 
 
-def nearer_sides(depth, index, reach, step):
+def nearer_sides(depth, index, reach):
     beyond = np.pad(depth, reach)
-    depths = []
-    for v, u in zip(*np.unravel_index(index, depth.shape), strict=True):
-        square = beyond[v : v + 2 * reach + 1, u : u + 2 * reach + 1]
-        is_step = square.min() > 0 and square.max() >= step * square.min()
-        depths.append(square.min() if is_step else 0)
-    return np.array(depths, np.float32)
+    side = 2 * reach + 1
+    pixels = zip(*np.unravel_index(index, depth.shape), strict=True)
+    return np.array([beyond[v : v + side, u : u + side].min() for v, u in pixels], np.float32)
 
 
 def place_points(kept, every, rays, ring):

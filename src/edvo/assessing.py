@@ -17,7 +17,7 @@ from edvo.status import Status, speed_of
 LEAP_M_S2 = 30.0  # what pushes a camera harder is a wrong match, more often than not;
 SCATTER_M = 0.02  # but poses scatter by half of that themselves, from one frame to the next
 JITTER_S = 0.04  # by which stamps are late, at most; what takes longer was no frame
-LEFT = 0.25  # of the points that fit planes of the keyframe another registration has to keep
+LEFT = 0.25  # share of the points that fit the keyframe which another registration has to keep
 LEAPT = "farther from where it was expected than a hand moves a camera"
 
 

@@ -19,7 +19,7 @@ from edvo.status import Status, speed_of
 from edvo.uncertainty import degenerate_directions, describe, in_current_camera
 
 DUE_SHARE = 0.75  # of its points on planes of the keyframe: with fewer it is the next one itself
-STRAY_M = 0.1  # from where it was expected: while nothing told, its velocity was a guess
+DARK_STRAY_M = 0.1  # from where it was expected: while nothing told, its velocity was a guess
 HELD = "contours of depth alone told of a motion less than a second ago"
 
 
@@ -116,7 +116,7 @@ class Blind:
         if self._doubt.moved(timestamp):
             return None
         given = course.key, seen, alignment.T_ref_cur, covariance
-        along = self._contours.along(*given, expected, STRAY_M)
+        along = self._contours.along(*given, expected, DARK_STRAY_M)
         if along is None:
             return None
         parts = course.key, seen.samples, seen.points
@@ -180,7 +180,7 @@ class Blind:
         course.is_blind, course.last_time = True, timestamp
         course.step(alignment.T_ref_cur, T_last_cur, period)
         self._instants.interrupt()
-        # where it has drifted by then the anchor says so, of all that follows
         few_fit = alignment.plane_points < DUE_SHARE * len(seen.points.sigma)
+        # of what it has drifted by before that the anchor tells whatever follows
         is_due = self._makes_keyframes and few_fit and not is_open
         return Followed(alignment, status, reason, covariance, loose, is_due)

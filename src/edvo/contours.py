@@ -35,11 +35,11 @@ from edvo.uncertainty import (
 FARTHEST_M, PER_LOG = 10.0, 85.0  # depth as grey levels: from black on, and so many to a factor e
 # How the edges of that are found, whatever is set for those of images
 EDGES = EdgesConfig(bands="kept", max_noise=0.0)
-STEP, REACH_PX = 1.04, 3  # a slope rises by less, within so many pixels
+REACH_PX = 3  # as far depth has to be known round a contour, and the nearer side is looked for
 FEWEST, MOST = 60, 1500  # contour pixels that tell a pose; that are taken for it
 FIRST_SIGMA_PX = 2.0  # along what was open they are off by pixels, and across it they fit
 AGREEING = 0.5  # of them, that have to lie where those of the keyframe do
-STRAY_M = 0.02  # by which poses scatter, and contours may lead away from where one was expected
+AS_FAR_M = 0.001  # that two registrations of the same differ by
 KEPT = 3  # keyframes whose depth is kept
 
 
@@ -156,7 +156,7 @@ class Contours:
         T_key_cur: NDArray[np.float64],
         covariance: NDArray[np.float64],
         T_key_expected: NDArray[np.float64],
-        stray_m: float = STRAY_M,
+        stray_m: float,
     ) -> Along | None:
         """Move a pose along what is not constrained to where contours fit.
 
@@ -171,8 +171,8 @@ class Contours:
             Of that.
         T_key_expected : ndarray of float64, shape (4, 4)
             Where it was expected: contours that lead away from there are of what moves by itself.
-        stray_m : float, optional
-            By so much they may.
+        stray_m : float
+            By so much they may, and by as much as it was found away from there.
 
         Returns
         -------
@@ -199,7 +199,7 @@ class Contours:
         way = se3.log(se3.inverse(T_key_cur) @ T_key_found) / BOUNDS
         T = T_key_cur @ se3.exp(told @ (told.T @ way) * BOUNDS)
         most = max(se3.distance(T_key_cur, T_key_expected), stray_m)
-        if se3.distance(T, T_key_expected) > most:
+        if se3.distance(T, T_key_expected) > most + AS_FAR_M:
             return None
         sure = np.linalg.inv(np.linalg.inv(own) + told / variances @ told.T) * PRODUCTS
         in_key = np.empty((6, 6))
@@ -252,7 +252,7 @@ class Contours:
         kernels.fill_gaps(depth, filled)
         edges = extract_edges(_nearness(filled), EDGES, self._buffers)
         depths = np.empty(len(edges), np.float32)
-        kernels.nearer_sides(filled, edges.index, REACH_PX, STEP, depths)
+        kernels.nearer_sides(filled, edges.index, REACH_PX, depths)
         which = np.flatnonzero(depths).astype(np.int32)
         found = edges.describe(self._camera, which, depths[which])
         found = EdgePixels(found.pixels, found.gradients, found.depths)  # they look like none

@@ -20,6 +20,7 @@ from edvo.seen import Seen
 from edvo.status import Status
 from edvo.witness import Surface, Witness
 
+STRAY_M, EARLY_STRAY_M = 0.02, 0.005  # by which poses scatter; in the first second
 DOUBTFUL_S = 1.0  # after what raises doubt, a pose is no better than the way that led to it
 MOVED, ASTRAY = "something moved less than a second ago", "found again, lost from a doubtful pose"
 STEPPED = "a far step less than a second ago"
@@ -266,6 +267,21 @@ class Doubt:
         bool
         """
         return 0 < timestamp - self._begun <= DOUBTFUL_S
+
+    def stray_m(self, timestamp: float) -> float:
+        """Say how far contours may lead from where a camera was expected: movers have them, too.
+
+        Parameters
+        ----------
+        timestamp : float
+            Seconds.
+
+        Returns
+        -------
+        float
+            Metres; less in the first second, in which nobody has been noticed yet.
+        """
+        return EARLY_STRAY_M if self.has_just_begun(timestamp) else STRAY_M
 
     def question(
         self, seen: Seen, alignment: Alignment, status: Status, reason: str

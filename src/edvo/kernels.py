@@ -5608,22 +5608,21 @@ def fill_gaps(depth: F32, filled: F32) -> None:
 
 
 @compiled
-def nearer_sides(depth: F32, index: I32, reach: int, step: float, depths: F32) -> None:
-    """Write the least depth of the square round each pixel, where the greatest is farther enough.
+def nearer_sides(depth: F32, index: I32, reach: int, depths: F32) -> None:
+    """Write the least depth of the square round each pixel, whose flat ``index`` is given.
 
-    ``index`` are flat; the square reaches ``reach`` pixels to each side. 0 where the greatest is
-    less than ``step`` times the least, or a depth is missing, as beyond the border.
+    It reaches ``reach`` pixels to each side. 0 where one is missing, as beyond the border.
     """
     height, width = depth.shape
     for k in range(index.size):
         v, u = index[k] // width, index[k] % width
-        near, far = np.float32(np.inf), np.float32(0)
         inside = reach <= v < height - reach and reach <= u < width - reach
+        near = np.float32(np.inf) if inside else np.float32(0)
         if inside:
             for r in range(v - reach, v + reach + 1):
                 for c in range(u - reach, u + reach + 1):
-                    near, far = min(near, depth[r, c]), max(far, depth[r, c])
-        depths[k] = near if inside and far >= step * near else np.float32(0)
+                    near = min(near, depth[r, c])
+        depths[k] = near
 
 
 @compiled

@@ -7,6 +7,7 @@ goes on from there, and makes a keyframe of what it sees by now.
 
 from edvo import se3
 from edvo.course import Course
+from edvo.doubt import Doubt
 from edvo.kit import Kit
 from edvo.locating import Locator
 from edvo.registration import Alignment
@@ -26,11 +27,14 @@ class Leading:
     course : Course
     locator : Locator
         Says where the camera is expected, and how far from there it may be.
+    doubt : Doubt
+        Says whether something moves.
     """
 
-    def __init__(self, kit: Kit, course: Course, locator: Locator) -> None:
+    def __init__(self, kit: Kit, course: Course, locator: Locator, doubt: Doubt) -> None:
         self._depth_alone, self._judge, self._clock = kit.depth_alone, kit.judge, kit.clock
         self._course, self._locator, self._contours = course, locator, kit.contours
+        self._doubt = doubt
         rule = kit.config.planes
         self._is_on = kit.fitter.is_on and rule.alone_share > 0 and rule.lead == "changed-views"
 
@@ -58,8 +62,10 @@ class Leading:
             found = self._depth_alone.align(*parts, start)
             covariance = self._depth_alone.covariance(*parts, found)
             if len(degenerate_directions(in_current_camera(covariance, found.T_ref_cur))):
+                if self._doubt.moved(timestamp):
+                    return None
                 given = course.key, seen, found.T_ref_cur, covariance
-                along = self._contours.along(*given, start)
+                along = self._contours.along(*given, start, self._doubt.stray_m(timestamp))
                 if along is None or along.leaves_open:
                     return None
                 found = self._depth_alone.at(*parts, along.T_key_cur, found)

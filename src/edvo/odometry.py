@@ -57,7 +57,7 @@ logger = logging.getLogger(__name__)
 NOWHERE = "lost; looks like no place seen before"
 UNSURE = "after a stretch without edges they fit no place for sure"
 ANEW = "begun anew where it was expected; what was seen before has not been seen since"
-SAME_DEPTH = "no edges, and the same depth as before"
+SAME_DEPTH = "hardly any edges, and the same depth as before"
 # Where depth alone says where it is, what it errs by comes back with the velocity that moves the
 # next depth, and grows if that was taken so much later than its image, over the time between two.
 FED_BACK = 0.4
@@ -527,13 +527,14 @@ class Odometry:
         alignment: Alignment | None = None,
     ) -> TrackedFrame:
         """Leave the state as it was, so that the next frame tries again from the keyframe."""
-        self._upkeep.return_to_bare()
         self._instants.interrupt()
         self._doubt.note_loss(leapt=reason.startswith(LEAPT))
         self._recovery.note_lost(seen)
         if not self._course.losses:
             self._upkeep.store_last_good(self._record.count)
-        return self._record.lose(timestamp, reason, seen, alignment)
+        lost = self._record.lose(timestamp, reason, seen, alignment)
+        self._upkeep.return_to_bare()
+        return lost
 
     def _detail(self, timestamp: float) -> Detail:
         """How much to take from a frame: the usual where places, or what moves, are told apart."""

@@ -113,7 +113,7 @@ class Placer:
         self._unshared = Unshared(kit, course, locator)
         self._leaping = Leaping(kit, course, locator)
         self._faint = FaintEdges(kit, course, pieces, locator)
-        self._leading = Leading(kit, course, locator)
+        self._leading = Leading(kit, course, locator, doubt)
 
     def place(self, seen: Seen, index: int) -> Placed:
         """Register a frame.

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from edvo.contours import STRAY_M, Along
+from edvo.contours import Along
 from edvo.course import Course
 from edvo.doubt import Doubt
 from edvo.inertia import Inertia
@@ -45,7 +45,7 @@ class Step(NamedTuple):
     follows : bool
         Whether the last pose is that of a moment ago, and it has moved here from there.
     is_held : bool
-        Whether contours of depth tell of all of these.
+        Whether contours of depth tell of all motions in ``loose``.
     """
 
     registered: Seen
@@ -143,7 +143,7 @@ class Progress:
                 given = covariance, registered, alignment, by_depth
                 told = self._timing.widened(*given, period, velocity if follows else None)
                 loose = degenerate_directions(told)
-                if along is not None and not along.leaves_open:  # nor do instants
+                if along is not None and not along.leaves_open:  # if instants open no more
                     is_held = len(loose) == len(degenerate_directions(covariance))
         course.is_blind = False
         return Step(registered, period, velocity, covariance, told, loose, follows, is_held)
@@ -214,18 +214,17 @@ class Progress:
     ) -> Along | None:
         """Where contours say that a frame is, along what nothing else constrains.
 
-        Not where something moves; what does may not have been noticed yet in the first second.
+        Not where something moves.
         """
         course, timestamp = self._course, seen.frame.timestamp
         if not self._contours.may_tell(alignment.T_ref_cur, covariance):
             return None
         if self._doubt.moved(timestamp) or self._locator.mender.put_right(alignment) is not None:
             return None
-        stray_m = STRAY_M / 4 if self._doubt.has_just_begun(timestamp) else STRAY_M
         expected = course.T_key_last @ course.ahead(timestamp)
         given = course.key, seen, alignment.T_ref_cur, covariance
         with self._clock("registration"):
-            return self._contours.along(*given, expected, stray_m)
+            return self._contours.along(*given, expected, self._doubt.stray_m(timestamp))
 
     def _move(
         self,

@@ -58,8 +58,8 @@ class TrackedFrame:
         the frame or has let it drift.
     degenerate : tuple of str
         Motions in the keyframe's camera that neither edges nor depth noticed; the frame is then
-        at best ``DEGRADED``. Along them a frame without edges is only predicted, but where contours
-        of depth tell of them, as its reason says, and they are named in its own camera.
+        at best ``DEGRADED``. Along them a frame without edges is only predicted, except where its
+        reason says that contours of depth tell of them; they are named in its own camera.
     piece : int
         Which piece of the path it belongs to. 0 is that of the first frame; another one has begun
         where the camera was expected after it was lost for a second: poses given for

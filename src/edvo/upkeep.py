@@ -85,6 +85,7 @@ class Upkeep:
 
     def catch_up(self) -> None:
         """Make the last frame the keyframe, add its edges to it, or renew it, if that is due."""
+        self._left = None
         due, self._due = self._due, None
         renewal, self._renewal = self._renewal, None
         if renewal is not None:
