@@ -39,7 +39,6 @@ REACH_PX = 3  # as far depth has to be known round a contour, and the nearer sid
 FEWEST, MOST = 60, 1500  # contour pixels that tell a pose; that are taken for it
 FIRST_SIGMA_PX = 2.0  # along what was open they are off by pixels, and across it they fit
 AGREEING = 0.5  # of them, that have to lie where those of the keyframe do
-AS_FAR_M = 0.001  # that two registrations of the same differ by
 KEPT = 3  # keyframes whose depth is kept
 
 
@@ -199,7 +198,7 @@ class Contours:
         way = se3.log(se3.inverse(T_key_cur) @ T_key_found) / BOUNDS
         T = T_key_cur @ se3.exp(told @ (told.T @ way) * BOUNDS)
         most = max(se3.distance(T_key_cur, T_key_expected), stray_m)
-        if se3.distance(T, T_key_expected) > most + AS_FAR_M:
+        if se3.distance(T, T_key_expected) > most:
             return None
         sure = np.linalg.inv(np.linalg.inv(own) + told / variances @ told.T) * PRODUCTS
         in_key = np.empty((6, 6))
