@@ -104,27 +104,6 @@ class Blind:
         course = self._course
         return self._repeats == 1 and course.is_blind and course.follows(timestamp)
 
-    def _along(
-        self,
-        seen: Seen,
-        alignment: Alignment,
-        covariance: NDArray[np.float64],
-        expected: NDArray[np.float64],
-    ) -> Along | None:
-        """Where contours say that a frame is, along what planes leave open, if planes fit there."""
-        course, timestamp = self._course, seen.frame.timestamp
-        if self._doubt.moved(timestamp):
-            return None
-        given = course.key, seen, alignment.T_ref_cur, covariance
-        along = self._contours.along(*given, expected, DARK_STRAY_M)
-        if along is None:
-            return None
-        parts = course.key, seen.samples, seen.points
-        there = self._depth_alone.at(*parts, along.T_key_cur, alignment)
-        T_last_cur = se3.inverse(course.T_key_last) @ along.T_key_cur
-        speed = speed_of(T_last_cur, course.period(timestamp))
-        return None if self._judge.judge_alone(there, len(seen.points.sigma), *speed) else along
-
     def follow(self, seen: Seen, few: str) -> Followed:
         """Go on by depth alone, where it fits the keyframe's; the frame is degraded, or lost.
 
@@ -149,9 +128,7 @@ class Blind:
             parts = key, seen.samples, seen.points
             alignment = self._depth_alone.align(*parts, start)
             covariance = self._depth_alone.covariance(*parts, alignment)
-            along = self._along(seen, alignment, covariance, start)
-            if along is not None:
-                alignment = self._depth_alone.at(*parts, along.T_key_cur, alignment)
+            alignment, along = self._along(seen, alignment, covariance, start)
         T_last_cur = se3.inverse(course.T_key_last) @ alignment.T_ref_cur
         own = in_current_camera(covariance, alignment.T_ref_cur)  # in which it was held still
         loose = tuple(describe(way) for way in degenerate_directions(own))
@@ -184,3 +161,25 @@ class Blind:
         # of what it has drifted by before that the anchor tells whatever follows
         is_due = self._makes_keyframes and few_fit and not is_open
         return Followed(alignment, status, reason, covariance, loose, is_due)
+
+    def _along(
+        self,
+        seen: Seen,
+        found: Alignment,
+        covariance: NDArray[np.float64],
+        expected: NDArray[np.float64],
+    ) -> tuple[Alignment, Along | None]:
+        """Move what depth has found to where contours fit, if planes fit there; else the same."""
+        course, timestamp = self._course, seen.frame.timestamp
+        if self._doubt.moved(timestamp):
+            return found, None
+        given = course.key, seen, found.T_ref_cur, covariance
+        along = self._contours.along(*given, expected, DARK_STRAY_M)
+        if along is None:
+            return found, None
+        parts = course.key, seen.samples, seen.points
+        there = self._depth_alone.at(*parts, along.T_key_cur, found)
+        T_last_cur = se3.inverse(course.T_key_last) @ along.T_key_cur
+        speed = speed_of(T_last_cur, course.period(timestamp))
+        misfit = self._judge.judge_alone(there, len(seen.points.sigma), *speed)
+        return (found, None) if misfit else (there, along)

@@ -145,7 +145,9 @@ class Contours:
         -------
         bool
         """
-        own = in_current_camera(covariance, T_key_cur) if self._is_on else np.zeros((6, 6))
+        if not self._is_on:
+            return False
+        own = in_current_camera(covariance, T_key_cur)
         return bool(own.diagonal() @ PER_SQUARES >= 1)  # below, each eigenvalue is too
 
     def along(
@@ -171,7 +173,7 @@ class Contours:
         T_key_expected : ndarray of float64, shape (4, 4)
             Where it was expected: contours that lead away from there are of what moves by itself.
         stray_m : float
-            By so much they may, and by as much as it was found away from there.
+            Metres; so far they may, or as far as it was found away from there, if that is more.
 
         Returns
         -------

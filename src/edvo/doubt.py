@@ -20,7 +20,7 @@ from edvo.seen import Seen
 from edvo.status import Status
 from edvo.witness import Surface, Witness
 
-STRAY_M, EARLY_STRAY_M = 0.02, 0.005  # by which poses scatter; in the first second
+STRAY_M, EARLY_STRAY_M = 0.02, 0.005  # as far as poses scatter; less before movers are noticed
 DOUBTFUL_S = 1.0  # after what raises doubt, a pose is no better than the way that led to it
 MOVED, ASTRAY = "something moved less than a second ago", "found again, lost from a doubtful pose"
 STEPPED = "a far step less than a second ago"

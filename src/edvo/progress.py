@@ -129,8 +129,10 @@ class Progress:
         T_key_cur, sure = along or (alignment.T_ref_cur, covariance)
         T_last_cur, seconds = course.moved(T_key_cur, timestamp)
         period = seconds if course.is_blind else course.period(timestamp)
-        went = timestamp, alignment, T_key_cur, sure, T_last_cur, seconds, period
-        is_plain = self._move(*went, follows=follows) and not course.is_blind
+        goes_on = self._move(
+            timestamp, alignment, T_key_cur, sure, T_last_cur, seconds, period, follows=follows
+        )
+        is_plain = goes_on and not course.is_blind
         velocity = course.velocity if follows else None
         if velocity is not None and is_plain:
             velocity = velocity + alignment.faster / period

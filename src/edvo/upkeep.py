@@ -159,7 +159,7 @@ class Upkeep:
         # one that has gathered the last frame's edges, and serves no better, gives way
         fresh = seen.frame.timestamp - key.gathered_at > 1.5 * period
         gathers = due and fresh and seen.is_near and is_whole
-        gathers = gathers and not (wanted or self._before_bare)
+        gathers = gathers and not wanted and self._before_bare is None
         gathers = gathers and may_gather(rule, key, T_key_cur, share)
         together = rule.window > 2 and is_whole and velocity is not None and is_tracked
         if gathers:
