@@ -462,6 +462,20 @@ def test_product(rng):
     np.testing.assert_allclose(C, expected, atol=1e-14)
 
 
+def test_motions_are_inverted_to_the_bit_as_outside_of_kernels(rng):
+    for T in (np.eye(4), problems.motion(rng, 2.0, 50), problems.motion(rng, 0.0, 170)):
+        back, expected = both(
+            "inverted", lambda T=T: kernels.inverted(T), lambda T=T: se3.inverse(T)
+        )
+        np.testing.assert_array_equal(back, expected)
+        Ad, expected = both(
+            "adjoint_back",
+            lambda T=T: kernels.adjoint_back(T),
+            lambda T=T: se3.adjoint(se3.inverse(T)),
+        )
+        np.testing.assert_array_equal(Ad, expected)
+
+
 def test_orthonormalize(rng):
     for _ in range(20):
         T = problems.motion(rng, 1.0, rng.uniform(0, 180))

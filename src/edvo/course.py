@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from edvo import se3
+from edvo import kernels, se3
 from edvo.errors import TrajectoryError
 from edvo.front_end import rigid
 from edvo.keyframes import Keyframe
@@ -284,7 +284,7 @@ class Course:
         if self.stood is not None:
             T_world_cur = self.key.T_world_key @ T_key_cur
             return se3.inverse(self.stood[1]) @ T_world_cur, max(timestamp - self.stood[0], period)
-        return se3.inverse(self.T_key_last) @ T_key_cur, period
+        return kernels.inverted(self.T_key_last) @ T_key_cur, period
 
     def step(
         self, T_key_cur: NDArray[np.float64], T_last_cur: NDArray[np.float64], seconds: float

@@ -103,8 +103,8 @@ class Inertia:
         if largest > PRIOR_ALONE:
             own = _without_prior(own)
         T_last_ahead = se3.exp(self.velocity * seconds)
-        T_key_ahead, T_ahead_last = T_key_last @ T_last_ahead, se3.inverse(T_last_ahead)
-        off, step = se3.log(se3.inverse(T_key_ahead) @ T_key_cur), np.empty(6)
+        T_key_ahead, T_ahead_last = T_key_last @ T_last_ahead, kernels.inverted(T_last_ahead)
+        off, step = se3.log(kernels.inverted(T_key_ahead) @ T_key_cur), np.empty(6)
         if not kernels.filter_pose(
             self._P, T_ahead_last, own, _HAND, seconds, off, self.velocity, step
         ):

@@ -421,13 +421,18 @@ def count_strengths(dx: I16, dy: I16, step: int, counts: I32) -> None:
     On four lists in turn: of a plain image most go to the same few, each of which would have to
     wait for the one before.
     """
-    most, four = np.int64(counts.size - 1), place(4)
+    most, four = np.int32(counts.size - 1), place(4)
     apart = np.zeros((4, counts.size), np.int32)
+    strengths = np.empty(dx.shape[1], np.int32)
     turn = place(0)
     for v in range(step // 2, dx.shape[0], step):
-        for u in range(step // 2, dx.shape[1], step):
-            strength = np.abs(np.int64(dx[v, u])) + np.abs(np.int64(dy[v, u]))
-            apart[turn % four, place(min(strength, most))] += 1
+        across, down = dx[v], dy[v]
+        for u in range(place(strengths.size)):  # of all of them: on vectors
+            a, b = np.int32(across[u]), np.int32(down[u])
+            strength = np.int32(max(a, np.int32(-a)) + max(b, np.int32(-b)))
+            strengths[u] = min(strength, most)
+        for u in range(place(step // 2), place(strengths.size), place(step)):
+            apart[turn % four, place(strengths[u])] += 1
             turn += place(1)
     for i in range(counts.size):
         counts[i] += apart[0, i] + apart[1, i] + apart[2, i] + apart[3, i]
@@ -3574,6 +3579,26 @@ def invert(T: F64, inverse: F64) -> None:
             inverse[i, j] = T[j, i]
             inverse[i, 3] -= T[j, i] * T[j, 3]
     inverse[3, 3] = 1.0
+
+
+@compiled
+def inverted(T: F64) -> F64:
+    """Give the inverse of a rigid motion; twin of se3.inverse."""
+    back = np.empty((4, 4))
+    invert(T, back)
+    return back
+
+
+@compiled
+def adjoint_back(T: F64) -> F64:
+    """Give the matrix that carries twists back through a rigid motion: the adjoint of its inverse.
+
+    Twin of se3.adjoint of se3.inverse.
+    """
+    back, Ad = np.empty((4, 4)), np.empty((6, 6))
+    invert(T, back)
+    write_adjoint(back, Ad)
+    return Ad
 
 
 @compiled

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from edvo import se3
+from edvo import kernels
 from edvo.aside import Aside
 from edvo.assessing import Assessor
 from edvo.course import Course
@@ -234,7 +234,7 @@ class Locator:
         course, timestamp = self._course, seen.frame.timestamp
         if not course.follows(timestamp):
             return seen
-        T_last_cur = se3.inverse(self.mender.last_pose(alignment)) @ alignment.T_ref_cur
+        T_last_cur = kernels.inverted(self.mender.last_pose(alignment)) @ alignment.T_ref_cur
         period = course.period(timestamp)
         return self._instants.settled(seen, T_last_cur, period, alignment)
 

@@ -281,9 +281,11 @@ class Moments:
         self._T_before = T
         if before is None or not wanted:
             return None
-        T_cur_before = se3.inverse(T) @ before
+        T_cur_before = kernels.inverted(T) @ before
         both = (
-            T_cur_before @ (se3.inverse(before) @ alignment.T_ref_cur) @ se3.inverse(T_cur_before)
+            T_cur_before
+            @ (kernels.inverted(before) @ alignment.T_ref_cur)
+            @ kernels.inverted(T_cur_before)
         )
         return Moment(
             *last,

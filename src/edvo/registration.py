@@ -193,8 +193,7 @@ class Alignment:
         """
         if not self.lag.bends.size:
             return np.zeros(6)
-        to_camera = se3.adjoint(se3.inverse(self.T_ref_cur))
-        faster: NDArray[np.float64] = to_camera @ self.slack / 2
+        faster: NDArray[np.float64] = kernels.adjoint_back(self.T_ref_cur) @ self.slack / 2
         return faster
 
     @property
@@ -441,7 +440,7 @@ class Registration:
         )
         if lag.steady.size:
             there = kernels.lagged(T, lag)
-            apart = lag.T_depth_cam @ se3.inverse(there) @ se3.exp(lag.bend * slack) @ there
+            apart = lag.T_depth_cam @ kernels.inverted(there) @ se3.exp(lag.bend * slack) @ there
             lag = lag._replace(T_depth_cam=apart)
         return Alignment(
             T_ref_cur=T,

@@ -8,7 +8,7 @@ rows, and solved for together with the pose; docs/theory/slack.md derives it.
 import numpy as np
 from numpy.typing import NDArray
 
-from edvo import se3
+from edvo import kernels
 from edvo.kernels import Lag
 from edvo.registration import AS_ONE
 
@@ -64,6 +64,6 @@ def slackened(
     if variances.max() * most**2 < LEAST**2:
         return lag
     variances = variances + (LEAST_SLACK / most) ** 2
-    to_camera = se3.adjoint(se3.inverse(lag.T_ref_last))
+    to_camera = kernels.adjoint_back(lag.T_ref_last)
     steady = AS_ONE * to_camera.T @ (to_camera / variances[:, None])
     return lag._replace(bend=bend, bends=bends, steady=steady)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from edvo import kernels, se3
+from edvo import kernels
 from edvo.camera import Camera
 from edvo.config import Config
 from edvo.edges import EdgePixels
@@ -293,7 +293,7 @@ def in_current_camera(
         Of the right perturbation: exp(delta) T = T exp(Ad(T^-1) delta).
     """
     carried = np.empty((6, 6))
-    kernels.carry_covariance(se3.inverse(T_key_cur), covariance, carried)
+    kernels.carry_covariance(kernels.inverted(T_key_cur), covariance, carried)
     return carried
 
 
