@@ -160,7 +160,7 @@ def test_few_edges_that_agree_have_to_lie_close_in_the_first_second(
     )
     few = "only 60% of the samples fit edges that are turned alike, just begun, and "
     assert odometry._judge.poor_start(start) == (few + why if why else "")
-    assert odometry._judge.is_poor_keyframe(start) == (bool(why) or agreeing > 0.67)
+    assert odometry._judge.is_poor_keyframe(start) == (bool(why) or agreeing > 0.7)
 
 
 @pytest.mark.parametrize(

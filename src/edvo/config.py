@@ -635,7 +635,7 @@ class StatusConfig(Section):
         default=0.5, description="share below which a tracked frame is called degraded"
     )
     first_agreeing: Fraction = Field(
-        default=0.67,
+        default=0.7,
         description="that share in the second after the first frame, where frames follow closely "
         "and edges scatter by more than half a pixel, or depth is off the keyframe's planes "
         "by more than 1.5 times its noise, below which it is degraded; and what follows a keyframe "

@@ -208,7 +208,7 @@ VARIANTS = (
     Variant("agreeing gradients: not asked", ("status.min_agreeing=0", "status.doubt_agreeing=0")),
     Variant("agreeing gradients: asked", ("status.min_agreeing=0.4", "status.doubt_agreeing=0.5")),
     Variant("the first second: as any other", ("status.first_agreeing=0",)),
-    Variant("the first second: edges have to agree", ("status.first_agreeing=0.67",)),
+    Variant("the first second: edges have to agree", ("status.first_agreeing=0.7",)),
 )
 """Changes of every part, whatever the preset."""
 
