@@ -44,6 +44,7 @@ LATE = (
     "keyframes.edge_scale=1",
     "edges.depth_rule=window",
     "motion.along_px=0",
+    "status.first_agreeing=0.67",
 )
 
 
