@@ -462,7 +462,7 @@ def test_product(rng):
     np.testing.assert_allclose(C, expected, atol=1e-14)
 
 
-def test_motions_are_inverted_to_the_bit_as_outside_of_kernels(rng):
+def test_motions_are_inverted_as_outside_of_kernels(rng):
     for T in (np.eye(4), problems.motion(rng, 2.0, 50), problems.motion(rng, 0.0, 170)):
         back, expected = both(
             "inverted", lambda T=T: kernels.inverted(T), lambda T=T: se3.inverse(T)

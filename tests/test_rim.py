@@ -182,8 +182,8 @@ def test_it_does_not_hold_the_camera(cabinet):
 def test_kept_it_drags_it_along(cabinet):
     """By 8 mm; by 39 till what a search has led to was registered once more."""
     source, frames = cabinet
-    given = "edges.black_rim=kept", "edges.carried=kept", "status.torn=ignore"
-    given = *given, "planes.contours=none"
+    kept = "edges.black_rim=kept", "edges.carried=kept"
+    given = *kept, "status.torn=ignore", "planes.contours=none"
     off, _ = error(source, frames, Odometry(source.camera, Config().with_overrides(given)))
     assert off > 0.005
 

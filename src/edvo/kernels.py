@@ -3324,9 +3324,7 @@ def lagged(T: F64, lag: Lag) -> F64:
     """
     if lag.share == 0:
         return T
-    back = np.empty((4, 4))
-    invert(lag.T_ref_last, back)
-    twist = log_se3(product(back, T))
+    twist = log_se3(product(inverted(lag.T_ref_last), T))
     twist *= lag.share
     return product(product(T, exp_se3(twist)), lag.T_depth_cam)
 
@@ -3337,9 +3335,7 @@ def unroll_points(points: F64, T: F64, lag: Lag, slack: F64, moved: F64) -> None
 
     The camera has not gone on as it went, by a slack (6,) in the reference; see `Lag`.
     """
-    back = np.empty((4, 4))
-    invert(lag.T_ref_last, back)
-    a, b, c, p, q, r = log_se3(product(back, T))
+    a, b, c, p, q, r = log_se3(product(inverted(lag.T_ref_last), T))
     for i in range(points.shape[0]):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         s = lag.rows[i]
@@ -3348,9 +3344,7 @@ def unroll_points(points: F64, T: F64, lag: Lag, slack: F64, moved: F64) -> None
         moved[i, 2] = z + s * (c + p * y - q * x)
     if lag.bends.size == 0:
         return
-    carry, twist = np.empty((6, 6)), np.zeros(6)
-    invert(T, back)
-    write_adjoint(back, carry)
+    carry, twist = adjoint_back(T), np.zeros(6)
     for i in range(6):
         for j in range(6):
             twist[i] += carry[i, j] * slack[j]
@@ -3570,8 +3564,9 @@ def carry_edges(
 
 
 @compiled
-def invert(T: F64, inverse: F64) -> None:
-    """Write the inverse of a rigid motion."""
+def inverted(T: F64) -> F64:
+    """Give the inverse (4, 4) of a rigid motion; twin of se3.inverse."""
+    inverse = np.empty((4, 4))
     for i in range(3):
         inverse[i, 3] = 0.0
         inverse[3, i] = 0.0
@@ -3579,25 +3574,17 @@ def invert(T: F64, inverse: F64) -> None:
             inverse[i, j] = T[j, i]
             inverse[i, 3] -= T[j, i] * T[j, 3]
     inverse[3, 3] = 1.0
-
-
-@compiled
-def inverted(T: F64) -> F64:
-    """Give the inverse of a rigid motion; twin of se3.inverse."""
-    back = np.empty((4, 4))
-    invert(T, back)
-    return back
+    return inverse
 
 
 @compiled
 def adjoint_back(T: F64) -> F64:
-    """Give the matrix that carries twists back through a rigid motion: the adjoint of its inverse.
+    """Give the matrix (6, 6) that carries twists [v, w] back through a rigid motion.
 
-    Twin of se3.adjoint of se3.inverse.
+    The adjoint of its inverse; twin of se3.adjoint of se3.inverse.
     """
-    back, Ad = np.empty((4, 4)), np.empty((6, 6))
-    invert(T, back)
-    write_adjoint(back, Ad)
+    Ad = np.empty((6, 6))
+    write_adjoint(inverted(T), Ad)
     return Ad
 
 
@@ -4638,7 +4625,7 @@ def align(
     reason, iterations, count = EXHAUSTED, 0, 0
     rolls = lag.rows.size > 0
     moved = np.empty_like(points) if rolls else points
-    there, trial_there, back = np.empty((4, 4)), np.empty((4, 4)), np.empty((4, 4))
+    there, trial_there = np.empty((4, 4)), np.empty((4, 4))
     sigma, cost, total = 1.0, 0.0, 0.0
     moves = 1 + lag.share  # by how much points move with the pose, near the last one
     settled = False  # by looking up: the robust criterion has nothing left to do
@@ -4836,8 +4823,8 @@ def align(
                         trial_there = product(exp_se3(lag.bend * slack_trial), trial_there)
                     short = change * (solver.max_stretch if stretches else 1.0) < solver.kept_px
                     if stage == last_stage and short:
-                        invert(there, back)
-                        carry_points(near, near_count, product(trial_there, back), near_trial)
+                        on = product(trial_there, inverted(there))
+                        carry_points(near, near_count, on, near_trial)
                     else:
                         near_trial_count = match_planes(
                             planes, surface, camera, trial_there, term, near_trial, apart
