@@ -122,3 +122,18 @@ def test_a_full_output_is_told_in_a_line(
     assert last.startswith("edvo: cannot print: No space left on device; ")
     assert "Traceback" not in done.stderr
     assert (tmp_path / "summary.json").exists() == (command == "run")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="no shell that closes a stream")
+@pytest.mark.parametrize("closed", ["2>&-", ">&-", "<&- >&- 2>&-"])
+def test_a_closed_stream_is_as_good_as_none(
+    whole_sequence: Path, tmp_path: Path, closed: str
+) -> None:
+    command = [sys.executable, "-m", "edvo"]
+    track = ["run", str(whole_sequence), "-o", str(tmp_path), "--max-frames", "3"]
+    for arguments, status in ((track, 0), (["info", "nowhere"], 1), (["fly"], 2)):
+        shell = ["sh", "-c", f'"$@" {closed}', "sh", *command, *arguments]
+        done = subprocess.run(shell, capture_output=True, text=True, check=False)
+        assert done.returncode == status, done.stderr
+        assert "Traceback" not in done.stderr
+    assert (tmp_path / "trajectory.txt").read_text().count("\n") == 4

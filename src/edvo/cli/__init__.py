@@ -5,6 +5,7 @@ import os
 import sys
 
 from edvo.cli.interrupt import exit_status, terminated_as_interrupted
+from edvo.cli.streams import open_closed_streams
 
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
@@ -24,6 +25,7 @@ def main() -> None:
 
     Nothing heavy is imported before a command asks for it, so that ``--help`` is instant.
     """
+    open_closed_streams()
     try:
         from edvo.cli.app import app
 
