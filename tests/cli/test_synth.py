@@ -1,5 +1,6 @@
 """`edvo synth` as from a shell."""
 
+import shlex
 import signal
 from pathlib import Path
 from typing import Any
@@ -118,6 +119,8 @@ def test_a_filled_folder_needs_force(edvo: Any, tmp_path: Path, camera: Path) ->
         (("office", "x", "--frequency", "-2"), ("frequency", "above 0")),
         (("office", "x", "--severity", "2"), ("severity",)),
         (("office", "x", "--light", "ambient", "--jump", "nan"), ("jump", "nan")),
+        (("office", "x", "--light", "ambient", "--jump", "-3"), ("jump", "-3")),
+        (("office", "x", "--light", "ambient", "--jump", "inf"), ("jump", "inf")),
         (("office", "x", "--exposure", "-0.1"), ("exposure",)),
         (("office", "x", "--readout", "1"), ("readout",)),
         (("office", "x", "--depth-delay", "0.5"), ("depth-delay",)),
@@ -183,7 +186,7 @@ def test_a_full_disk_leaves_nothing_that_looks_whole(
     told = edvo("info", target)
     assert told.status == 1
     assert "is incomplete: synthetic sequence" in told.err
-    assert "edvo synth notexture_far s" in told.err
+    assert f"edvo synth notexture_far {target} " in told.err
     assert edvo(*options).status == 0
     assert edvo("info", target).status == 0
 
@@ -213,6 +216,26 @@ def test_interrupted_it_leaves_nothing_that_looks_whole(
     told = edvo("info", target)
     assert told.status == 1
     assert "is incomplete: synthetic sequence" in told.err
+
+
+@pytest.mark.parametrize("named", ["sub/s", "."])
+def test_a_folder_begun_says_how_to_write_it_again_from_anywhere(
+    edvo: Any, tmp_path: Path, camera: Path, monkeypatch: pytest.MonkeyPatch, named: str
+) -> None:
+    place = tmp_path / "here"
+    place.mkdir()
+    monkeypatch.chdir(place)
+    options = ("--frames", 1, "--camera", camera, "--jump", 0.5, "--auto-exposure")
+    with full_disk(2):
+        assert edvo("synth", "notexture_far", named, *options).status == 1
+    folder = place if named == "." else place / named
+    mark = (folder / "INCOMPLETE.txt").read_text()
+    words = shlex.split(mark.partition("to do it again: ")[2])
+    assert words[:4] == ["edvo", "synth", "notexture_far", str(folder)]
+    monkeypatch.chdir(tmp_path)
+    again = edvo(*words[1:])
+    assert again.status == 0, again.err
+    assert f"notexture_far {folder.name} --frames" in (folder / "README.txt").read_text()
 
 
 def test_the_list_comes_with_thumbnails(edvo: Any, tmp_path: Path) -> None:

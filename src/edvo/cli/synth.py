@@ -96,14 +96,17 @@ def synth(
         "depth-delay": depth_delay or None,
         "seed": seed,
     }
-    command = ["edvo", "synth", scene, target.name]
-    for name, value in options.items():
-        if value is not None:
-            command += [f"--{name}", str(value)]
+    words = [
+        word
+        for name, value in options.items()
+        if value is not None
+        for word in (f"--{name}", str(value))
+    ]
     for instant in jumps or []:
-        command += ["--jump", str(instant)]
+        words += ["--jump", str(instant)]
     if auto_exposure:
-        command += ["--auto-exposure"]
+        words += ["--auto-exposure"]
+    place = target.absolute()
     with ExitStack() as bars:
         advance: Advance | None = None
 
@@ -116,7 +119,9 @@ def synth(
         folder = write_sequence(
             SyntheticSource(recipe),
             target,
-            command=shlex.join(command),
+            # What is written is the same wherever that is; what an interruption leaves is not.
+            command=shlex.join(["edvo", "synth", scene, place.name, *words]),
+            redo=shlex.join(["edvo", "synth", scene, str(place), *words, "--force"]),
             force=force,
             progress=step,
         )

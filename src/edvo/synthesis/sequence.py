@@ -375,6 +375,7 @@ def write_sequence(
     folder: str | os.PathLike[str],
     *,
     command: str = "",
+    redo: str = "",
     force: bool = False,
     workers: int | None = None,
     progress: Callable[[int, int], None] | None = None,
@@ -391,6 +392,8 @@ def write_sequence(
         every reader from taking it for a whole one.
     command : str
         What the README says it was made with.
+    redo : str
+        What ``INCOMPLETE.txt`` says to do; the command again where not given.
     force : bool
         Write into a folder that is not empty.
     workers : int, optional
@@ -410,7 +413,8 @@ def write_sequence(
     """
     target = output_folder(folder, must_be_empty=True, force=force)
     what = f"synthetic sequence {source.recipe.scene.name!r}"
-    redo = f"{command} --force" if command else "write_sequence(..., force=True)"
+    if not redo:
+        redo = f"{command} --force" if command else "write_sequence(..., force=True)"
     with being_written(target, what, redo):
         _write(source, target, command, workers, progress)
     return target
