@@ -83,7 +83,7 @@ def test_a_frequency_that_cannot_be(
     assert not (tmp_path / "a").exists()
 
 
-@pytest.mark.parametrize("value", ["nan", "inf"])
+@pytest.mark.parametrize("value", ["nan", "inf", "-3"])
 def test_a_jump_that_cannot_be(
     edvo: Command, whole_sequence: Path, tmp_path: Path, value: str
 ) -> None:

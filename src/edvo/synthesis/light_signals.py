@@ -2,7 +2,7 @@
 
 from bisect import bisect_right
 from dataclasses import dataclass
-from math import floor, isfinite, pi, sin
+from math import floor, inf, pi, sin
 
 from edvo.errors import SceneError
 from edvo.synthesis.randomness import generator
@@ -44,7 +44,7 @@ class Jumps:
     Raises
     ------
     SceneError
-        If the instants are no numbers or do not rise, or the interval is not above 0.
+        If the instants are negative, no numbers or do not rise, or the interval is not above 0.
 
     Notes
     -----
@@ -59,8 +59,10 @@ class Jumps:
 
     def __post_init__(self) -> None:
         """Check the instants."""
-        if self.instants is not None and not all(map(isfinite, self.instants)):
-            raise SceneError(f"jump instants {list(self.instants)}; give seconds")
+        if self.instants is not None and not all(0 <= each < inf for each in self.instants):
+            raise SceneError(
+                f"jump instants {list(self.instants)}; give seconds from the first image, 0 or more"
+            )
         if self.instants is not None and list(self.instants) != sorted(set(self.instants)):
             raise SceneError(f"jump instants {list(self.instants)} do not rise; sort them")
         if not self.interval > 0:
