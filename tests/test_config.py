@@ -85,6 +85,25 @@ def test_a_bad_override_is_refused_in_one_line(assignment, parts):
         assert part in message
 
 
+@pytest.mark.parametrize(
+    ("overrides", "parts"),
+    [
+        ("sampling.count=900", ["'sampling.count=900'", "give a list"]),
+        (None, ["None", "give a list"]),
+        (900, ["900", "give a list"]),
+        ([None], ["None", "KEY=VALUE"]),
+        ([b"seed=1"], ["b'seed=1'", "KEY=VALUE"]),
+    ],
+)
+def test_overrides_are_a_list_of_text(overrides, parts):
+    with pytest.raises(ConfigError) as caught:
+        Config().with_overrides(overrides)
+    message = str(caught.value)
+    assert "\n" not in message
+    for part in parts:
+        assert part in message
+
+
 FILES = [
     ("preset_name: best\n", ["preset_name", "best", "default", "paper"]),
     ("sampling:\n  cuont: 3\n", ["sampling.cuont", "count"]),

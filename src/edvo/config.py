@@ -867,10 +867,19 @@ class Config(Section):
         Raises
         ------
         ConfigError
-            If one is no assignment, or its key or value is refused.
+            If they are no list, one is no assignment, or its key or value is refused.
         """
+        # A str is a list, too, of its letters.
+        if isinstance(assignments, str) or not isinstance(assignments, Iterable):
+            raise ConfigError(
+                f"overrides are {_shown(assignments)}; give a list, as ['sampling.count=900']"
+            )
         values = self.to_dict()
         for assignment in assignments:
+            if not isinstance(assignment, str):
+                raise ConfigError(
+                    f"{_shown(assignment)} is no KEY=VALUE, such as 'sampling.count=900'"
+                )
             key, equals, text = assignment.partition("=")
             if not equals or not key.strip():
                 raise ConfigError(f"{assignment!r} is no KEY=VALUE, such as sampling.count=900")
