@@ -5,7 +5,7 @@ import pytest
 import yaml
 from pydantic import BaseModel
 
-from edvo.config import PRESETS, Config, SamplingConfig
+from edvo.config import PRESETS, Config, EdgesConfig, SamplingConfig
 from edvo.errors import ConfigError, OutputError
 
 
@@ -57,6 +57,8 @@ BAD = [
     ("edges.low=0", ["edges.low", "greater than 0"]),
     ("edges.low=.nan", ["edges.low", "nan"]),
     ("edges.low=.inf", ["edges.low", "finite"]),
+    ("edges.low=100", ["override: edges.low = 100 is above edges.high = 40"]),
+    ("edges.high=10", ["override: edges.low = 20 is above edges.high = 10"]),
     ("matching.max_angle_deg=181", ["matching.max_angle_deg", "181", "180"]),
     ("matching.gamma=-0.1", ["matching.gamma", "-0.1"]),
     ("registration.weight=l1", ["registration.weight", "l1", "tukey"]),
@@ -83,6 +85,15 @@ def test_a_bad_override_is_refused_in_one_line(assignment, parts):
     assert "\n" not in message
     for part in parts:
         assert part in message
+
+
+def test_thresholds_that_do_not_rise_are_refused_however_they_are_given():
+    told = r"edges\.low = 100 is above edges\.high = 40"
+    with pytest.raises(ConfigError, match=f"^mine: {told}"):
+        Config.from_dict({"edges": {"low": 100}}, where="mine")
+    with pytest.raises(ConfigError, match=told):
+        Config(edges=EdgesConfig(low=100))
+    assert Config().with_overrides(["edges.low=100", "edges.high=100"]).edges.low == 100
 
 
 @pytest.mark.parametrize(

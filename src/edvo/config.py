@@ -777,6 +777,13 @@ class Config(Section):
         name = values.get("preset_name")
         return _merged(PRESETS.get(name, {}) if isinstance(name, str) else {}, values)
 
+    @model_validator(mode="after")
+    def _thresholds_rise(self) -> "Config":
+        low, high = self.edges.low, self.edges.high
+        if low > high:  # as OpenCV does, Canny would take the one for the other
+            raise ValueError(f"edges.low = {low:g} is above edges.high = {high:g}; set both")
+        return self
+
     @classmethod
     def preset(cls, name: str) -> "Config":
         """Make the configuration of a preset.
@@ -1018,6 +1025,8 @@ def _first_problem(error: ValidationError, where: str, model: type[BaseModel]) -
     if first["type"] == "extra_forbidden":
         return f"{where}: unknown key {key!r}; {_known(key, model)}"
     message = first["msg"].removeprefix("Value error, ")
+    if not key:  # of several, which the message names
+        return f"{where}: {message}"
     return f"{where}: {key} = {_shown(first['input'])}: {message}"
 
 
