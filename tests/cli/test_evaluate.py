@@ -42,6 +42,37 @@ def test_json(edvo: Command, files: tuple[Path, Path], tmp_path: Path) -> None:
     assert errors["coverage"] == pytest.approx(0.9)
 
 
+FRAMES_CSV = "timestamp,status\n" + "1.0,tracked\n" * 120
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ('{\n  "edvo": "0.1.0"\n}\n', "list:1: '{' is no time"),
+        ("# a comment\n\n1.0 a.png\nnan b.png\n", "list:4: 'nan' is no time"),
+        (FRAMES_CSV + FRAMES_CSV, "list:122: 'timestamp' is no time"),
+        ("# a comment\n", "list lists no frames"),
+    ],
+)
+def test_what_is_no_list_of_frames(
+    edvo: Command, files: tuple[Path, Path], tmp_path: Path, text: str, named: str
+) -> None:
+    (tmp_path / "list").write_text(text)
+    done = edvo("evaluate", *files, "--frames", tmp_path / "list")
+    assert done.status == 1
+    assert named in done.err
+    assert done.err.count("\n") == 1
+
+
+@pytest.mark.parametrize("begin", ["", "\ufeff", "# a comment\n\n"])
+def test_lists_of_frames(
+    edvo: Command, files: tuple[Path, Path], tmp_path: Path, begin: str
+) -> None:
+    for text in (FRAMES_CSV, "1.0 rgb/1.png 1.0 depth/1.png\n" * 120, "1.0\t2\n" * 120):
+        (tmp_path / "list").write_text(begin + text, encoding="utf-8")
+        assert "75.0%" in edvo("evaluate", *files, "--frames", tmp_path / "list").out
+
+
 def test_plot_is_a_picture(edvo: Command, files: tuple[Path, Path], tmp_path: Path) -> None:
     picture = tmp_path / "plot.png"
     assert edvo("evaluate", *files, "--plot", picture).status == 0

@@ -1,6 +1,7 @@
 """`edvo evaluate`."""
 
 import json
+import math
 from pathlib import Path
 
 from edvo.cli.scores import score_table
@@ -39,13 +40,30 @@ def evaluate(
 def count_frames(file: Path) -> int:
     """Count the rows of a list of frames: rgb.txt, an association or a frames.csv."""
     try:
-        lines = file.read_text().splitlines()
+        lines = file.read_text(encoding="utf-8-sig").splitlines()
     except OSError as error:
         reason = error.strerror or error
         raise DatasetError(f"cannot read {file}: {reason}; give a list of frames") from error
     except UnicodeDecodeError as error:
         raise DatasetError(f"{file} is no text file; give a list of frames") from error
-    rows = [line for line in lines if line.strip() and not line.startswith(("#", "timestamp"))]
-    if not rows:
+    count = 0
+    for number, line in enumerate(lines, start=1):
+        begin = " ".join(line.replace(",", " ").split()[:1])
+        if not begin or begin.startswith("#") or (begin == "timestamp" and not count):
+            continue
+        if not _is_time(begin):
+            raise DatasetError(
+                f"{file}:{number}: {begin!r:.40} is no time in seconds; give a list whose rows "
+                "begin with one, as rgb.txt or frames.csv"
+            )
+        count += 1
+    if not count:
         raise DatasetError(f"{file} lists no frames; give rgb.txt or frames.csv")
-    return len(rows)
+    return count
+
+
+def _is_time(text: str) -> bool:
+    try:
+        return math.isfinite(float(text))
+    except ValueError:
+        return False
