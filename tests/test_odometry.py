@@ -12,7 +12,7 @@ import pytest
 from edvo import se3
 from edvo.clock import StageClock
 from edvo.config import PRESETS, Config
-from edvo.errors import ConfigError, FrameError, TrajectoryError
+from edvo.errors import CameraError, ConfigError, FrameError, TrajectoryError
 from edvo.frame import Frame
 from edvo.odometry import Odometry, Status, TrackedFrame
 
@@ -636,6 +636,12 @@ def test_what_is_no_frame_is_refused(room, given):
     with pytest.raises(FrameError, match=r"frame is \w+; give a Frame, as Frame.from"):
         odometry.track(given)
     assert odometry.track(room[0][2]).status is Status.TRACKED
+
+
+@pytest.mark.parametrize("given", [None, {"width": 640}, Config(), "camera.yaml"])
+def test_what_is_no_camera_is_refused(given):
+    with pytest.raises(CameraError, match=r"^camera is .{4,40}; give a Camera, as Camera.from"):
+        Odometry(given)
 
 
 def test_what_is_no_configuration_is_refused():

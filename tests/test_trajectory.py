@@ -129,11 +129,33 @@ def test_poses_are_sorted_copied_and_frozen():
         ([1.0], np.diag([1.0, 1.0, -1.0, 1.0])[None], "no rigid motion"),
         ([1.0, 2.0], np.eye(4)[None], "do not go together"),
         ([1.0], np.eye(3)[None], "do not go together"),
+        ([1.0], 1.0, "do not go together"),
+        (["a"], np.eye(4)[None], "times are no array of numbers"),
+        ([1.0, 2.0], ["a", "b"], "poses are no array of numbers"),
+        ([1.0, 2.0], [np.eye(4), np.eye(3)], "poses are no array of numbers"),
+        ([1.0], None, "do not go together"),
+        ([1.0], [object()], "poses are no array of numbers"),
     ],
 )
 def test_what_is_no_trajectory_is_refused(times, poses, words):
     with pytest.raises(TrajectoryError, match=words):
         Trajectory.from_poses(times, poses)
+
+
+@pytest.mark.parametrize(
+    ("times", "poses", "stamps", "words"),
+    [
+        (1.0, np.eye(4), ("1",), "do not go together"),
+        (1.0, np.eye(4)[None], ("1",), "do not go together"),
+        ([[1.0]], np.eye(4)[None], ("1",), "do not go together"),
+        ([1.0], np.eye(4)[None], 1, "stamps are 1; give a text for each pose"),
+        ([1.0], np.eye(4)[None], (1,), "a stamp is no text"),
+        ([1.0], np.eye(4)[None], ("1", "2"), "2 stamps for 1 poses"),
+    ],
+)
+def test_what_does_not_go_together_is_refused(times, poses, stamps, words):
+    with pytest.raises(TrajectoryError, match=words):
+        Trajectory(times, poses, stamps)
 
 
 def test_an_empty_trajectory_is_one():

@@ -23,7 +23,7 @@ from edvo.depth_alone import DepthAlone
 from edvo.detail import Detail, usual_detail, worthwhile_detail
 from edvo.doubt import ASTRAY, Doubt
 from edvo.earlier import EarlierKeyframes
-from edvo.errors import ConfigError, FrameError
+from edvo.errors import CameraError, ConfigError, FrameError
 from edvo.exposure import Exposure
 from edvo.frame import Frame, finite_seconds
 from edvo.freeze import FREEZE_S, Freeze
@@ -80,6 +80,8 @@ class Odometry:
 
     Raises
     ------
+    CameraError
+        If the camera is none.
     ConfigError
         If the configuration is none.
 
@@ -94,6 +96,10 @@ class Odometry:
     def __init__(
         self, camera: Camera, config: Config | None = None, *, clock: Clock | None = None
     ) -> None:
+        if not isinstance(camera, Camera):
+            raise CameraError(
+                f"camera is {camera!r:.40}; give a Camera, as Camera.from_yaml('camera.yaml')"
+            )
         if config is not None and not isinstance(config, Config):
             raise ConfigError(f"config is {config!r:.40}; give a Config, as Config.preset('paper')")
         self.camera = camera

@@ -37,7 +37,8 @@ class Trajectory:
     Raises
     ------
     TrajectoryError
-        If shapes differ, a value is not finite, times do not increase, or a pose is not rigid.
+        If shapes differ, a value is no number or not finite, times do not increase, or a pose is
+        not rigid.
 
     Notes
     -----
@@ -49,19 +50,18 @@ class Trajectory:
     stamps: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        timestamps = np.array(self.timestamps, dtype=np.float64)
-        poses = np.array(self.poses, dtype=np.float64)
+        timestamps, poses = _numbers("times", self.timestamps), _numbers("poses", self.poses)
         if poses.size == 0:
             poses = poses.reshape(0, 4, 4)
         object.__setattr__(self, "timestamps", timestamps)
         object.__setattr__(self, "poses", poses)
-        object.__setattr__(self, "stamps", tuple(self.stamps))
+        object.__setattr__(self, "stamps", _texts(self.stamps))
         self._check()
         timestamps.flags.writeable = False
         poses.flags.writeable = False
 
     def _check(self) -> None:
-        count = len(self.timestamps)
+        count = self.timestamps.size
         if self.timestamps.shape != (count,) or self.poses.shape != (count, 4, 4):
             raise TrajectoryError(
                 f"{self.timestamps.shape} times and {self.poses.shape} poses do not go together; "
@@ -116,14 +116,13 @@ class Trajectory:
         TrajectoryError
             As the class does.
         """
-        times = np.asarray(timestamps, dtype=np.float64).reshape(-1)
-        matrices = np.asarray(poses, dtype=np.float64)
-        texts = [stamp_text(time) for time in times.tolist()] if stamps is None else list(stamps)
-        if len(texts) == len(matrices) == len(times):
+        times, matrices = _numbers("times", timestamps).reshape(-1), _numbers("poses", poses)
+        texts = tuple(map(stamp_text, times.tolist())) if stamps is None else _texts(stamps)
+        if matrices.ndim and len(texts) == len(matrices) == len(times):
             order = np.argsort(times, kind="stable")
             times, matrices = times[order], matrices[order]
-            texts = [texts[index] for index in order]
-        return cls(times, matrices, tuple(texts))
+            texts = tuple(texts[index] for index in order)
+        return cls(times, matrices, texts)
 
     @classmethod
     def from_frames(
@@ -153,7 +152,7 @@ class Trajectory:
         TrajectoryError
             As the class does.
         """
-        times = np.asarray(timestamps, dtype=np.float64).ravel()
+        times = _numbers("times", timestamps).ravel()
         counts = {"timestamps": len(times), "poses": len(poses)}
         if stamps is not None:
             counts["stamps"] = len(stamps)
@@ -371,6 +370,26 @@ def stamp_text(time: float) -> str:
         back.
     """
     return np.format_float_positional(time, min_digits=6)
+
+
+def _numbers(name: str, given: ArrayLike) -> NDArray[np.float64]:
+    """Copy times or poses as an array, or say that they are none."""
+    try:
+        return np.array(given, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise TrajectoryError(
+            f"{name} are no array of numbers; give (N,) times and (N, 4, 4) poses"
+        ) from error
+
+
+def _texts(stamps: Sequence[str]) -> tuple[str, ...]:
+    try:
+        texts = tuple(stamps)
+    except TypeError as error:
+        raise TrajectoryError(f"stamps are {stamps!r:.40}; give a text for each pose") from error
+    if not all(isinstance(text, str) for text in texts):
+        raise TrajectoryError("a stamp is no text; give each as the source writes it")
+    return texts
 
 
 def _text(path: str | os.PathLike[str]) -> str:

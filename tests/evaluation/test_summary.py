@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from edvo.errors import EvaluationError
-from edvo.evaluation import coverage, evaluate, relative_pose_error, span_coverage
+from edvo.evaluation import (
+    absolute_trajectory_error,
+    coverage,
+    evaluate,
+    relative_pose_error,
+    span_coverage,
+)
 from edvo.trajectory import Trajectory
 
 
@@ -64,6 +70,17 @@ def test_nothing_to_compare_is_an_error(make_pair):
         evaluate(reference, later)
     with pytest.raises(EvaluationError, match="positive"):
         evaluate(reference, estimate, delta=-1)
+
+
+@pytest.mark.parametrize("how", [evaluate, relative_pose_error, absolute_trajectory_error])
+@pytest.mark.parametrize("given", [np.eye(4), None, "truth.txt"])
+def test_what_is_no_trajectory_is_an_error(make_pair, how, given):
+    reference, estimate = make_pair(11)
+    kind = type(given).__name__
+    with pytest.raises(EvaluationError, match=f"^reference is {kind}; give a Trajectory, as"):
+        how(given, estimate)
+    with pytest.raises(EvaluationError, match=f"^estimate is {kind}; give a Trajectory, as"):
+        how(reference, given)
 
 
 def test_coverage_counts_frames():

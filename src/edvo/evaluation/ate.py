@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edvo.errors import EvaluationError
+from edvo.evaluation.checks import check_trajectories
 from edvo.evaluation.statistics import Statistics
 from edvo.trajectory import Trajectory
 
@@ -96,8 +97,9 @@ def absolute_trajectory_error(
     Raises
     ------
     EvaluationError
-        If fewer than three poses have a partner.
+        If fewer than three poses have a partner, or one is no trajectory.
     """
+    check_trajectories(reference, estimate)
     true, estimated = _match(reference.timestamps, estimate.timestamps, max_difference)
     if len(true) < 3:
         raise EvaluationError(

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edvo.errors import EvaluationError
+from edvo.evaluation.checks import check_trajectories
 from edvo.evaluation.statistics import Statistics
 from edvo.trajectory import Trajectory, nearest_indices
 
@@ -144,7 +145,8 @@ def relative_pose_error(
     Raises
     ------
     EvaluationError
-        If fewer than two pairs have true poses near, or an argument is out of range.
+        If fewer than two pairs have true poses near, an argument is out of range, or one
+        is no trajectory.
 
     Notes
     -----
@@ -157,6 +159,7 @@ def relative_pose_error(
     nearest to the span's end is the first one itself. The script counts such a pair as an error
     of zero; here it is skipped.
     """
+    check_trajectories(reference, estimate)
     check_span(delta, unit)
     if formula not in get_args(Formula):
         raise EvaluationError(f"unknown formula {formula!r}; choose script or sturm")

@@ -5,6 +5,7 @@ from typing import Any
 
 from edvo.errors import EvaluationError
 from edvo.evaluation.ate import AbsoluteTrajectoryError, absolute_trajectory_error
+from edvo.evaluation.checks import check_trajectories
 from edvo.evaluation.coverage import coverage, span_coverage
 from edvo.evaluation.rpe import (
     RelativePoseError,
@@ -111,8 +112,9 @@ def evaluate(
     Raises
     ------
     EvaluationError
-        If neither error can be had, or an argument is out of range.
+        If neither error can be had, an argument is out of range, or one is no trajectory.
     """
+    check_trajectories(reference, estimate)
     check_span(delta, unit)
     share = None if frames is None else coverage(len(estimate), frames)
     still = standing_still(estimate)
