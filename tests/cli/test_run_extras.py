@@ -15,11 +15,13 @@ import numpy as np
 import pytest
 
 from edvo import files
+from edvo.cli import run as run_module
 from edvo.export.registry import FILES
 from edvo.trajectory import Trajectory
 
-from .conftest import Command, full_disk, make_sequence
+from .conftest import Command, full_disk, interrupting, make_sequence
 
+RESULTS = {"trajectory.txt", "frames.csv", "summary.json", "config.yaml"}
 VOID = {"meta", "img", "input", "br"}
 EXPORTED = {
     "edges": ["edges.ply"],
@@ -325,12 +327,7 @@ def test_full_disk_leaves_the_results(edvo: Command, whole_sequence: Path, tmp_p
     assert done.status == 1
     assert "report.html" in done.err
     assert "RPE" in done.out
-    assert {file.name for file in tmp_path.iterdir()} == {
-        "trajectory.txt",
-        "frames.csv",
-        "summary.json",
-        "config.yaml",
-    }
+    assert {file.name for file in tmp_path.iterdir()} == RESULTS
 
 
 @pytest.mark.parametrize("name", ["trajectory.txt", "kitti_poses.txt", "report.html"])
@@ -364,3 +361,59 @@ def test_nothing_to_export(edvo: Command, sequence: Path, tmp_path: Path) -> Non
     assert done.status == 0
     assert "nothing to export" in done.err
     assert not (tmp_path / "kitti_poses.txt").exists()
+
+
+KINDS = ("--report", "--export", "edges", "--export", "colmap")
+
+
+def all_files(folder: Path) -> set[str]:
+    return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+
+
+def more_files(folder: Path) -> list[str]:
+    return json.loads((folder / "summary.json").read_text())["more_files"]
+
+
+def test_a_folder_used_again_holds_the_last_run_alone(
+    edvo: Command, whole_sequence: Path, sequence: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    assert edvo("run", whole_sequence, "-o", out, *KINDS).status == 0
+    assert more_files(out) == ["report.html", "edges.ply", *EXPORTED["colmap"]]
+    (out / "colmap/mine.txt").write_text("mine")
+    (out / "mesh.ply").write_text("mine")
+    done = edvo("run", sequence, "-o", out, "--max-frames", 5, "--export", "kitti")
+    assert done.status == 0, done.err
+    mine = {"colmap/mine.txt", "mesh.ply"}
+    assert all_files(out) == {*RESULTS, *EXPORTED["kitti"], *mine}
+    assert more_files(out) == EXPORTED["kitti"]
+    before = (out / "kitti_poses.txt").read_bytes()
+    assert edvo("run", sequence, "-o", out, "--max-frames", 7, "--export", "kitti").status == 0
+    assert (out / "kitti_poses.txt").read_bytes() != before
+    options = ("--export", "kitti", "--set", "edges.high=20000")
+    assert edvo("run", sequence, "-o", out, "--max-frames", 5, *options).status == 0
+    assert all_files(out) == {*RESULTS, *mine}  # no frame has a pose
+    assert more_files(out) == []
+
+
+def test_an_interrupted_run_leaves_nothing_of_the_one_before(
+    edvo: Command, whole_sequence: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert edvo("run", whole_sequence, "-o", tmp_path, *KINDS).status == 0
+    monkeypatch.setattr(run_module, "progress", interrupting)
+    done = edvo("run", whole_sequence, "-o", tmp_path, "--export", "edges")
+    assert done.status == 130
+    assert all_files(tmp_path) == {*RESULTS, "edges.ply"}
+    assert more_files(tmp_path) == ["edges.ply"]
+
+
+@pytest.mark.parametrize("files", [0, 1, 3])
+def test_a_full_disk_leaves_what_the_run_before_wrote(
+    edvo: Command, whole_sequence: Path, tmp_path: Path, files: int
+) -> None:
+    assert edvo("run", whole_sequence, "-o", tmp_path, "--export", "edges").status == 0
+    with full_disk(files):
+        assert edvo("run", whole_sequence, "-o", tmp_path, "--max-frames", 5).status == 1
+    assert all_files(tmp_path) == {*RESULTS, "edges.ply"}
+    assert edvo("run", whole_sequence, "-o", tmp_path, "--max-frames", 5).status == 0
+    assert all_files(tmp_path) == RESULTS

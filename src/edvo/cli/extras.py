@@ -1,6 +1,7 @@
 """What `edvo run` writes beyond its results where it is asked to: the report and the exports."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from edvo.cli.terminal import note
@@ -9,6 +10,7 @@ from edvo.evaluation import Evaluation
 from edvo.export.edge_map import EdgeMap
 from edvo.files import Unwritten, write_atomically
 from edvo.odometry import Odometry, Status
+from edvo.report.more_files import name_file
 from edvo.report.tracking import Run
 from edvo.report.watch import Watch
 
@@ -29,10 +31,18 @@ class Extras:
         If there is no such export.
     MissingExtraError
         If it needs a package that is not there.
+
+    Attributes
+    ----------
+    exports : sequence of str
+        Those kinds.
+    written : list of str
+        Names of the files that are there so far, relative to the folder.
     """
 
     def __init__(self, report: bool, exports: Sequence[str]) -> None:
-        self._report, self._exports = report, exports
+        self._report, self.exports = report, exports
+        self.written: list[str] = []
         if exports:
             from edvo.export.registry import check_kinds
 
@@ -51,10 +61,10 @@ class Extras:
             from edvo.report.run_page import PAGE
 
             files.append(PAGE)
-        if self._exports:
+        if self.exports:
             from edvo.export.registry import FILES
 
-            files += [file for kind in self._exports for file in FILES[kind]]
+            files += [file for kind in self.exports for file in FILES[kind]]
         return files
 
     def watch(self, odometry: Odometry, frames: int) -> Watch:
@@ -72,7 +82,7 @@ class Extras:
         Watch
         """
         self._map = EdgeMap(odometry.camera, odometry.config.edges)
-        wanted = self._report or bool(self._exports)
+        wanted = self._report or bool(self.exports)
         edge_map = self._map if wanted else None
         return Watch(odometry, frames, keep_sights=self._report, edge_map=edge_map)
 
@@ -84,7 +94,7 @@ class Extras:
         errors: Evaluation | None,
         watch: Watch,
         folder: Path,
-    ) -> list[str]:
+    ) -> None:
         """Write what was asked for.
 
         Parameters
@@ -100,19 +110,13 @@ class Extras:
         watch : Watch
             What tracked it.
         folder : pathlib.Path
-            Where to; it must exist.
-
-        Returns
-        -------
-        list of str
-            Names of the files.
+            Where to; it holds the results of the run, and its summary names what is written.
 
         Raises
         ------
         OutputError
             If a file cannot be written; the others are.
         """
-        written: list[str] = []
         unwritten = Unwritten()
         if self._report and run.frames:
             from edvo.datasets.inspection import inspect
@@ -122,24 +126,27 @@ class Extras:
             html = page(run, config, errors, watch, self._map.points(), warnings)
             with unwritten.noted():
                 write_atomically(folder / PAGE, html)
-                written.append(PAGE)
-        if self._exports:
+                self._note(folder, PAGE)
+        if self.exports:
             with unwritten.noted():
-                written += self._export(run, indices, folder)
+                self._export(run, indices, folder)
         unwritten.check()
-        return written
 
-    def _export(self, run: Run, indices: Sequence[int], folder: Path) -> list[str]:
+    def _note(self, folder: Path, name: str) -> None:
+        self.written.append(name)
+        name_file(folder, name)
+
+    def _export(self, run: Run, indices: Sequence[int], folder: Path) -> None:
         from edvo.export.registry import Material, export
 
         trajectory = run.trajectory()
         if not len(trajectory):
             note("warning: no frame has a pose: nothing to export")
-            return []
+            return
         index_at: dict[float, int] = {}
         for index, record in zip(indices, run.frames, strict=False):
             if record.status is not Status.LOST:
                 index_at.setdefault(record.timestamp, index)
         posed = [index_at[time] for time in trajectory.timestamps.tolist()]
         material = Material(run.source, posed, trajectory, self._map.points())
-        return export(self._exports, material, folder)
+        export(self.exports, material, folder, partial(self._note, folder))

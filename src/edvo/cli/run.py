@@ -92,9 +92,10 @@ def run(
             if not unwritten.any:
                 tell_files(folder)
         with unwritten.noted():
-            more = extras.write(done, indices, config, errors, watch, folder)
-            if more:
-                say(f"wrote {', '.join(more)}")
+            extras.write(done, indices, config, errors, watch, folder)
+        with unwritten.noted():
+            if extras.written:
+                say(f"wrote {', '.join(extras.written)}")
     unwritten.check()
     if done.interrupted:
         note(

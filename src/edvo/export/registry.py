@@ -69,7 +69,12 @@ def check_kinds(names: Sequence[str]) -> None:
         load_open3d()
 
 
-def export(names: Sequence[str], material: Material, folder: Path) -> list[str]:
+def export(
+    names: Sequence[str],
+    material: Material,
+    folder: Path,
+    on_written: Callable[[str], None] | None = None,
+) -> list[str]:
     """Write exports, each file whole or not at all.
 
     Parameters
@@ -80,6 +85,8 @@ def export(names: Sequence[str], material: Material, folder: Path) -> list[str]:
         At least one pose.
     folder : pathlib.Path
         Where to; it must exist.
+    on_written : callable, optional
+        Told the name of each file once it is there.
 
     Returns
     -------
@@ -99,6 +106,8 @@ def export(names: Sequence[str], material: Material, folder: Path) -> list[str]:
                 output_folder((folder / file).parent)
                 write_atomically(folder / file, content)
                 written.append(file)
+                if on_written is not None:
+                    on_written(file)
     unwritten.check()
     return written
 

@@ -19,11 +19,11 @@ from edvo.config import Config
 from edvo.evaluation import Evaluation
 from edvo.files import Unwritten, write_atomically
 from edvo.odometry import Status
+from edvo.report.more_files import MORE_FILES, SUMMARY, more_files, remove_more
 from edvo.report.tracking import FrameRecord, Run
 
 TRAJECTORY = "trajectory.txt"
 FRAMES = "frames.csv"
-SUMMARY = "summary.json"
 CONFIG = "config.yaml"
 RESULTS = (TRAJECTORY, FRAMES, SUMMARY, CONFIG)
 
@@ -37,6 +37,8 @@ def write_results(
     run: Run, folder: Path, config: Config, evaluation: Evaluation | None = None
 ) -> None:
     """Write all the files of a run, each whole or not at all, the summary last.
+
+    Once they are all there, what an earlier run wrote beside its own is removed from the folder.
 
     Parameters
     ----------
@@ -52,9 +54,10 @@ def write_results(
     Raises
     ------
     OutputError
-        If a file cannot be written; the others are.
+        If a file cannot be written, the others are; or if an earlier run's cannot be removed.
     """
     unwritten = Unwritten()
+    earlier = more_files(folder)
     with unwritten.noted():
         run.trajectory().write(folder / TRAJECTORY)
     with unwritten.noted():
@@ -62,9 +65,11 @@ def write_results(
     with unwritten.noted():
         config.to_yaml(folder / CONFIG)
     with unwritten.noted():
-        summary = summarise(run, config, evaluation)
+        # Named till they are gone, lest an interruption leaves some that nobody knows of.
+        summary = {**summarise(run, config, evaluation), MORE_FILES: earlier}
         write_atomically(folder / SUMMARY, json.dumps(summary, indent=2) + "\n")
     unwritten.check()
+    remove_more(folder, keep=RESULTS)
 
 
 def frames_csv(frames: Sequence[FrameRecord]) -> str:
