@@ -358,9 +358,11 @@ def test_a_file_that_cannot_be_written_leaves_the_others(
 
 def test_nothing_to_export(edvo: Command, sequence: Path, tmp_path: Path) -> None:
     done = edvo("run", sequence, "-o", tmp_path, "--export", "kitti", "--set", "edges.high=20000")
-    assert done.status == 0
-    assert "nothing to export" in done.err
-    assert not (tmp_path / "kitti_poses.txt").exists()
+    assert done.status == 1
+    (line,) = (line for line in done.err.splitlines() if "export" in line)
+    assert line.startswith(f"edvo: {sequence}: no frame has a pose: nothing to export; ")
+    assert {file.name for file in tmp_path.iterdir()} == {*RESULTS, sequence.name}
+    assert "36 lost" in done.out
 
 
 KINDS = ("--report", "--export", "edges", "--export", "colmap")
@@ -391,7 +393,7 @@ def test_a_folder_used_again_holds_the_last_run_alone(
     assert edvo("run", sequence, "-o", out, "--max-frames", 7, "--export", "kitti").status == 0
     assert (out / "kitti_poses.txt").read_bytes() != before
     options = ("--export", "kitti", "--set", "edges.high=20000")
-    assert edvo("run", sequence, "-o", out, "--max-frames", 5, *options).status == 0
+    assert edvo("run", sequence, "-o", out, "--max-frames", 5, *options).status == 1
     assert all_files(out) == {*RESULTS, *mine}  # no frame has a pose
     assert more_files(out) == []
 

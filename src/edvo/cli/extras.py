@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from edvo.cli.terminal import note
 from edvo.config import Config
 from edvo.evaluation import Evaluation
 from edvo.export.edge_map import EdgeMap
@@ -95,7 +94,7 @@ class Extras:
         watch: Watch,
         folder: Path,
     ) -> None:
-        """Write what was asked for.
+        """Write what was asked for; where no frame has a pose, there is nothing to export.
 
         Parameters
         ----------
@@ -141,7 +140,6 @@ class Extras:
 
         trajectory = run.trajectory()
         if not len(trajectory):
-            note("warning: no frame has a pose: nothing to export")
             return
         index_at: dict[float, int] = {}
         for index, record in zip(indices, run.frames, strict=False):

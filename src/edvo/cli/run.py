@@ -20,7 +20,7 @@ from edvo.errors import DatasetError, EvaluationError
 from edvo.evaluation import Evaluation, evaluate
 from edvo.files import Unwritten, output_folder
 from edvo.odometry import Odometry, Status
-from edvo.report.results import RESULTS, TRAJECTORY, write_results
+from edvo.report.results import FRAMES, RESULTS, TRAJECTORY, write_results
 from edvo.report.tracking import FrameRecord, Run, choose_frames, track_source
 from edvo.report.viewer_tracker import Shown
 
@@ -105,6 +105,10 @@ def run(
         raise typer.Exit(stop.status)
     if not done.track_times.size:
         raise DatasetError(f"no frame could be read; the first: {done.problems[0]}")
+    if extras.exports and not len(done.trajectory()):
+        raise DatasetError(
+            f"{path}: no frame has a pose: nothing to export; {folder / FRAMES} says why"
+        )
 
 
 def errors_of(run: Run) -> Evaluation | None:
