@@ -99,6 +99,25 @@ def test_wrong_option_is_one_line(
     assert done.err.count("\n") == 1
 
 
+def test_a_span_that_was_asked_for_and_is_too_long_is_told(
+    edvo: Command, files: tuple[Path, Path], tmp_path: Path
+) -> None:
+    done = edvo("evaluate", *files, "--delta", 100)
+    assert done.status == 1
+    assert str(Trajectory.read(files[1]).stamps[-1]) in done.err
+    assert done.err.startswith(f"edvo: {files[1]}: no relative pose error: fewer than two pairs")
+    assert done.err.endswith("; give a shorter delta, 2.9 s at most\n")
+    assert done.err.count("\n") == 1
+    assert "ATE" in done.out
+    assert json.loads(edvo("evaluate", *files, "--delta", 100, "--json").out)["ate"] is not None
+    assert edvo("evaluate", *files, "--delta", 2.9).status == 0
+    short = Trajectory.read(files[1]).between(0.0, 0.5)
+    short.write(tmp_path / "short.txt")
+    done = edvo("evaluate", files[0], tmp_path / "short.txt")  # nobody asked for a second
+    assert done.status == 0
+    assert "no relative pose error" in done.err
+
+
 def test_files_that_are_no_trajectories(
     edvo: Command, files: tuple[Path, Path], tmp_path: Path
 ) -> None:

@@ -6,16 +6,18 @@ from pathlib import Path
 
 from edvo.cli.scores import score_table
 from edvo.cli.terminal import note, say
-from edvo.errors import DatasetError
+from edvo.errors import DatasetError, EvaluationError
 from edvo.evaluation import evaluate as evaluate_trajectories
 from edvo.trajectory import Trajectory
+
+_USUAL_SPAN_S = 1.0
 
 
 def evaluate(
     reference: Path,
     estimate: Path,
     *,
-    delta: float,
+    delta: float | None,
     frames: Path | None,
     as_json: bool,
     plot: Path | None,
@@ -23,18 +25,22 @@ def evaluate(
     """Compare a trajectory with the truth; see `edvo.cli.commands.evaluate`."""
     truth, estimated = Trajectory.read(reference), Trajectory.read(estimate)
     count = None if frames is None else count_frames(frames)
-    errors = evaluate_trajectories(truth, estimated, count, delta=delta)
+    span = _USUAL_SPAN_S if delta is None else delta
+    errors = evaluate_trajectories(truth, estimated, count, delta=span)
+    asked_in_vain = delta is not None and errors.rpe is None
     if as_json:
         say(json.dumps(errors.to_dict(), indent=2))
     else:
         say(score_table({estimate.name: errors}))
-        for line in errors.notes:
+        for line in errors.notes[asked_in_vain:]:  # the first one is said last
             note(line)
     if plot is not None:
         from edvo.report.plots import draw_evaluation
 
         draw_evaluation(plot, truth, estimated, errors, title=estimate.name)
         note(f"wrote {plot}")
+    if asked_in_vain:
+        raise EvaluationError(f"{estimate}: {errors.notes[0]}")
 
 
 def count_frames(file: Path) -> int:

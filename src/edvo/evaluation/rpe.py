@@ -4,6 +4,7 @@ To the letter of the TUM RGB-D benchmark's ``evaluate_rpe --fixed_delta``, from 
 tables come (J. Sturm et al., *A Benchmark for the Evaluation of RGB-D SLAM Systems*, IROS 2012).
 """
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal, get_args
@@ -270,10 +271,21 @@ def _why_none(
     if pairs < 2:
         return (
             f"fewer than two pairs of estimated poses lie {span} apart ({len(estimate)} poses, "
-            f"{estimate.stamps[0]} to {estimate.stamps[-1]}); give a shorter delta"
+            f"{estimate.stamps[0]} to {estimate.stamps[-1]}); "
+            f"give a shorter delta{_at_most(estimate, delta, unit)}"
         )
     return (
         f"fewer than two of {pairs} pairs {span} apart have a true pose near: truth spans "
         f"{reference.stamps[0]} to {reference.stamps[-1]}, the estimate {estimate.stamps[0]} to "
         f"{estimate.stamps[-1]}; check that both have the same clock"
     )
+
+
+def _at_most(estimate: Trajectory, delta: float, unit: Unit) -> str:
+    """Say how long a span the first two poses have a partner for, other than the last pose."""
+    if len(estimate) < 4:
+        return ""
+    if unit == "f":
+        return f", {len(estimate) - 3} at most"
+    longest = math.floor(1e2 * float(estimate.timestamps[-2] - estimate.timestamps[1])) / 1e2
+    return f", {longest:g} s at most" if 0 < longest < delta else ""  # else it is for a gap

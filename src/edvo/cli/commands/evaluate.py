@@ -12,8 +12,9 @@ def evaluate(
     reference: Annotated[Path, typer.Argument(help="True poses, TUM format.")],
     estimate: Annotated[Path, typer.Argument(help="Estimated poses, TUM format.")],
     delta: Annotated[
-        float, typer.Option(help="Span of the relative pose error, seconds.", metavar="SECONDS")
-    ] = 1.0,
+        float | None,
+        typer.Option(help="Span of the relative pose error; 1 by default.", metavar="SECONDS"),
+    ] = None,
     frames: Annotated[
         Path | None,
         typer.Option(
