@@ -13,6 +13,22 @@ class FrameError(EdvoError):
     """Images that cannot be a frame: wrong shape, wrong type, sizes that differ."""
 
 
+class ImageSizeError(FrameError):
+    """Images of another size than the camera's.
+
+    Parameters
+    ----------
+    message : str
+        What is wrong, and the mend.
+    size : (int, int)
+        Width and height of the images, pixels.
+    """
+
+    def __init__(self, message: str, size: tuple[int, int] = (0, 0)) -> None:
+        super().__init__(message)
+        self.size = size
+
+
 class NoDepthError(FrameError):
     """A depth image without a single valid pixel."""
 

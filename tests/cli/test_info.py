@@ -5,6 +5,8 @@ import cv2
 import numpy as np
 import pytest
 
+from edvo.camera import Camera
+
 from .conftest import CAMERA, HEIGHT, WIDTH, Command
 
 
@@ -85,3 +87,42 @@ def test_says_in_how_many_frames_depth_repeats(edvo: Command, sequence: Path) ->
     assert f"in {share} of the frames depth is that of the frame before" in done.out.splitlines()
     checks = json.loads(edvo("info", sequence, "--json").out)["checks"]
     assert checks["repeated depth"]["verdict"] == "sound"
+
+
+def test_a_camera_of_another_size_is_one_finding(edvo: Command, sequence: Path) -> None:
+    half = Camera.from_yaml(sequence / "camera.yaml").scaled(0.5)
+    half.to_yaml(sequence / "camera.yaml")
+    (sequence / "rgb/3.png").write_bytes(b"")
+    done = edvo("info", sequence)
+    assert done.status == 0
+    assert [line for line in done.out.splitlines() if line.startswith("warning")] == [
+        f"warning: {sequence / 'rgb/3.png'} is empty",
+        f"warning: images are {WIDTH} x {HEIGHT}, the camera is for {half.width} x {half.height}: "
+        "give the camera of these images, or scale it with them: Camera.scaled(2)",
+    ]
+    checks = json.loads(edvo("info", sequence, "--json").out)["checks"]
+    assert checks["size of images"]["verdict"] == "suspect"
+    assert checks["readable images"] == {"verdict": "suspect", "unreadable": 1, "looked_at": 36}
+
+
+def test_a_frame_of_another_size_is_told_as_one(edvo: Command, sequence: Path) -> None:
+    for kind in ("rgb", "depth"):
+        file = sequence / kind / "3.png"
+        image = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+        cv2.imwrite(str(file), cv2.resize(image, (80, 60), interpolation=cv2.INTER_NEAREST))
+    done = edvo("info", sequence)
+    (line,) = (line for line in done.out.splitlines() if line.startswith("warning"))
+    assert "3.png is 80x60 and the camera is 160x120" in line
+
+
+def test_many_damaged_images_are_a_few_lines(edvo: Command, sequence: Path) -> None:
+    for index in range(3, 33):
+        (sequence / f"rgb/{index}.png").write_bytes(b"no image")
+    done = edvo("info", sequence)
+    assert done.status == 0
+    warnings = [line for line in done.out.splitlines() if line.startswith("warning: ")]
+    told = [line for line in warnings if "damaged" in line or "skipped" in line]
+    assert told[:5] == [
+        f"warning: {sequence / f'rgb/{index}.png'} is damaged or no image" for index in range(3, 8)
+    ]
+    assert told[5:] == ["warning: skipped 30 frames in all, of 36 that were looked at"]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edvo.camera import Camera
-from edvo.errors import DatasetError, FrameError, NoDepthError
+from edvo.errors import DatasetError, FrameError, ImageSizeError, NoDepthError
 from edvo.frame import Frame
 
 MAX_PIXELS = 1 << 26
@@ -241,7 +241,9 @@ def make_frame(
     Raises
     ------
     FrameError
-        If the sizes differ from each other or from the camera's; the message names the image.
+        If the sizes differ from each other; the message names the image.
+    ImageSizeError
+        If they differ from the camera's.
     NoDepthError
         If no depth value is valid.
     """
@@ -252,9 +254,10 @@ def make_frame(
             "depth must be registered to colour"
         )
     if depth_image.shape != (camera.height, camera.width):
-        raise FrameError(
+        raise ImageSizeError(
             f"{colour_name} is {_size(colour_image)} and the camera is "
-            f"{camera.width}x{camera.height}; give the camera of these images"
+            f"{camera.width}x{camera.height}; give the camera of these images",
+            (depth_image.shape[1], depth_image.shape[0]),
         )
     try:
         return Frame.from_images(

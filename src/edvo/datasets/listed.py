@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from edvo.camera import Camera
 from edvo.datasets.images import load_frame
 from edvo.datasets.source import Reading, check_index, describe_timing
-from edvo.errors import FrameError
+from edvo.errors import FrameError, ImageSizeError
 from edvo.frame import Frame
 from edvo.trajectory import Trajectory
 
@@ -128,12 +128,14 @@ class ListedSource:
             Where there is no frame of that index.
         """
         check_index(index, self.stamps, self.name)
-        frame, problem = None, None
+        frame, problem, size = None, None, None
         try:
             frame = self._load(index)
         except FrameError as error:
             problem = str(error)
-        return Reading(index, self.stamps[index], float(self.timestamps[index]), frame, problem)
+            size = error.size if isinstance(error, ImageSizeError) else None
+        time = float(self.timestamps[index])
+        return Reading(index, self.stamps[index], time, frame, problem, size)
 
     @cached_property
     def ground_truth(self) -> Trajectory | None:

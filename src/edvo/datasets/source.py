@@ -33,6 +33,8 @@ class Reading:
         The images; None if there is a problem.
     problem : str or None
         One line that names the file; None if all is well.
+    size : (int, int) or None
+        Width and height of the images, where the problem is that they are not the camera's.
     """
 
     index: int
@@ -40,6 +42,7 @@ class Reading:
     timestamp: float
     frame: Frame | None
     problem: str | None
+    size: tuple[int, int] | None = None
 
 
 @runtime_checkable

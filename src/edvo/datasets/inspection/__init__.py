@@ -14,8 +14,10 @@ from edvo.datasets.inspection.focal import check_focal
 from edvo.datasets.inspection.light import check_darkness, check_exposure
 from edvo.datasets.inspection.looks import Looks, look_at
 from edvo.datasets.inspection.order import check_order, check_stamps
+from edvo.datasets.inspection.readable import check_readable
 from edvo.datasets.inspection.registration import check_registration
 from edvo.datasets.inspection.repeats import check_repeats
+from edvo.datasets.inspection.size import wrong_size
 from edvo.datasets.inspection.step import check_step
 from edvo.datasets.inspection.truth import check_truth
 from edvo.datasets.inspection.unit import check_unit
@@ -56,7 +58,8 @@ def examine(source: Source) -> list[Finding]:
     """
     looks = look_at(source)
     return [
-        Finding("readable images", looks.problems),
+        check_readable(looks.problems, looks.looked_at),
+        *([wrong_size(looks.other_size, looks.camera)] if looks.other_size else ()),
         check_stamps(looks.timestamps),
         check_unit(looks.timestamps),
         *(_look(looks) if looks.frames else ()),
@@ -77,11 +80,7 @@ def _look(looks: Looks) -> Iterator[Finding]:
     yield check_blur(frames)
     height, width = frames[0].grey.shape
     if (width, height) != (camera.width, camera.height):
-        warning = (
-            f"images are {width} x {height}, the camera is for {camera.width} x {camera.height}: "
-            "give the camera of these images"
-        )
-        yield Finding("size of images", (warning,))
+        yield wrong_size((width, height), camera)
         return
     steps = walk_all(looks.walks, camera)
     yield check_truth(steps, looks.truth, camera.depth_scale)

@@ -1,5 +1,6 @@
 """Which frames of a recording are looked at, and what is kept of them."""
 
+from collections import Counter
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
@@ -39,6 +40,11 @@ class Looks:
         Runs of frames of about ten a second.
     problems : tuple of str
         Frames that could not be read, a line each.
+    looked_at : int
+        Frames that were to be read.
+    other_size : (int, int) or None
+        Width and height of the images, where none is of the camera's size: those frames are not
+        among the problems.
     """
 
     camera: Camera
@@ -47,6 +53,8 @@ class Looks:
     spans: Sequence[Sequence[Thumbnail]]
     walks: Sequence[Sequence[Frame]]
     problems: tuple[str, ...]
+    looked_at: int
+    other_size: tuple[int, int] | None
 
     @cached_property
     def frames(self) -> list[Frame]:
@@ -84,32 +92,38 @@ def look_at(source: Source) -> Looks:
     whole = {index for walk in walks for index in walk}
     frames: dict[int, Frame] = {}
     thumbnails: dict[int, Thumbnail] = {}
-    problems = []
+    problems: list[tuple[str, tuple[int, int] | None]] = []
     size: tuple[int, ...] | None = None
     with closing(read_ahead(source, sorted(small | whole))) as readings:
         for reading in readings:
             if reading.frame is None:
-                problems.append(reading.problem or f"frame {reading.index} cannot be read")
+                told = reading.problem or f"frame {reading.index} cannot be read"
+                problems.append((told, reading.size))
                 continue
             shape = reading.frame.grey.shape
             size = size or shape
             if shape != size:
-                problems.append(
+                told = (
                     f"frame {reading.index} is {shape[1]} x {shape[0]}, those before it "
                     f"{size[1]} x {size[0]}: give images of one size"
                 )
+                problems.append((told, None))
                 continue
             if reading.index in small:
                 thumbnails[reading.index] = thumbnail(reading.frame)
             if reading.index in whole:
                 frames[reading.index] = reading.frame
+    sizes = Counter(other for _, other in problems if other is not None)
+    other = sizes.most_common(1)[0][0] if sizes and size is None else None
     return Looks(
         source.camera,
         times,
         source.ground_truth,
         [[thumbnails[index] for index in span if index in thumbnails] for span in spans],
         [[frames[index] for index in walk if index in frames] for walk in walks],
-        tuple(problems),
+        tuple(told for told, each in problems if each is None or each != other),
+        len(small | whole),
+        other,
     )
 
 
