@@ -65,6 +65,16 @@ def test_writes_what_run_writes(edvo: Command, whole_sequence: Path, tmp_path: P
     assert summary["interrupted"] is False
 
 
+def test_leaves_nothing_of_a_run_before(
+    edvo: Command, whole_sequence: Path, tmp_path: Path
+) -> None:
+    assert edvo("run", whole_sequence, "-o", tmp_path, "--export", "kitti").status == 0
+    (tmp_path / "mine.txt").write_text("mine")
+    assert edvo("live", f"replay:{whole_sequence}", "-o", tmp_path).status == 0
+    assert len(list(tmp_path.iterdir())) == 5
+    assert (tmp_path / "mine.txt").exists()
+
+
 def test_a_mask_leaves_out_what_is_not_of_the_scene(
     edvo: Command, whole_sequence: Path, tmp_path: Path
 ) -> None:
