@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from benchmarks import crowd
 from numpy.typing import NDArray
 
 from edvo import kernels, se3
-from edvo.background import AGES_S, APART_S, FAR_EDGES, FAR_LEFT, Background, Still
+from edvo.background import AGES_S, APART_S, FAR_EDGES, FAR_LEFT, Align, Background, Still
 from edvo.config import Config
 from edvo.datasets import open_source
 from edvo.datasets.readahead import read_ahead
@@ -23,7 +24,7 @@ from edvo.keyframes import Keyframe
 from edvo.matching import Criterion, EdgeIndex
 from edvo.odometry import Odometry, Status
 from edvo.planes import PlaneFitter, PlaneMap, PlanePoints
-from edvo.registration import AT_ONCE, Alignment, Registration
+from edvo.registration import AT_ONCE, Alignment
 from edvo.report.sights import look
 from edvo.seen import Seen
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
@@ -49,18 +50,23 @@ LATE = (
 
 
 def background() -> Background:
-    config = Config()
-    registration = Registration(CAMERA, config.matching, config.registration)
-    return Background(CAMERA, registration, PlaneFitter(CAMERA, config.planes))
+    return Background(CAMERA, PlaneFitter(CAMERA, Config().planes))
 
 
 def errors(
     source: SyntheticSource, indices: range, *changes: str
 ) -> tuple[NDArray[np.float64], list[Status]]:
     """Distance to the truth, metres, and the status of each frame."""
-    odometry = Odometry(source.camera, Config().with_overrides(changes))
     frames = [reading.frame for reading in read_ahead(source, indices)]
-    results = [odometry.track(frame) for frame in frames if frame is not None]
+    return followed(source, [frame for frame in frames if frame is not None], *changes)
+
+
+def followed(
+    source: SyntheticSource, frames: Sequence[Frame], *changes: str
+) -> tuple[NDArray[np.float64], list[Status]]:
+    """The same, of frames that were taken there."""
+    odometry = Odometry(source.camera, Config().with_overrides(changes))
+    results = [odometry.track(frame) for frame in frames]
     truth = [source.recipe.motion.at(result.timestamp) for result in results]
     away = [
         (truth[0] @ result.T_world_cam)[:3, 3] - true[:3, 3]
@@ -87,6 +93,20 @@ def test_where_a_third_of_the_view_moves_the_rest_is_followed(small_hall: Synthe
     assert set(statuses[1:]) == {Status.DEGRADED}  # the edges of the walls are missed at once
     assert errors(small_hall, range(240, 243), "status.min_told=0")[1][1] is Status.TRACKED
     assert errors(small_hall, indices, *FOLLOW, *LONG)[0][6:].max() > 0.02
+
+
+def test_depth_that_is_late_is_taken_so_where_much_of_the_view_moves(
+    small_hall: SyntheticSource,
+) -> None:
+    readings = read_ahead(small_hall, range(239, 260))
+    frames = [reading.frame for reading in readings if reading.frame is not None]
+    late = [
+        replace(frame, depth=old.depth, depth_delay=old.timestamp - frame.timestamp)
+        for old, frame in itertools.pairwise(frames)
+    ]
+    away, statuses = followed(small_hall, late)
+    assert set(statuses[2:]) == {Status.DEGRADED}
+    assert away[7:].max() < 0.02  # the pose goes along before that
 
 
 @pytest.fixture(scope="module")
@@ -284,14 +304,14 @@ def test_what_was_registered_of_such_a_frame_can_be_drawn(small_hall: SyntheticS
     [(1, 0.0, True), (1, 20.0, True), (40, 0.0, True), (40, 20.0, False)],
 )
 def test_edges_without_depth_alone_are_no_place_but_where_it_was_bound_for(
-    hall: tuple[Background, Keyframe, Seen],
+    hall: tuple[Background, Keyframe, Seen, Align],
     monkeypatch: pytest.MonkeyPatch,
     stride: int,
     speed: float,
     is_place: bool,
 ) -> None:
     """One in six is left in the end beside what else stands still; alone all, and only if near."""
-    kept, key, seen = hall
+    kept, key, seen, align = hall
     standing, start = kept._standing, se3.inverse(key.T_world_key) @ kept._past[-1].T_world_cam
 
     def some(view: Any, T: NDArray[np.float64]) -> Seen:
@@ -299,7 +319,7 @@ def test_edges_without_depth_alone_are_no_place_but_where_it_was_bound_for(
         return replace(held, samples=held.samples.every(stride))
 
     monkeypatch.setattr(kept, "_standing", some)
-    still = kept.register(key, seen, [start], np.array([0, 0, speed, 0, 0, 0]))
+    still = kept.register(key, seen, [start], np.array([0, 0, speed, 0, 0, 0]), align)
     assert (still is not None) == is_place
     if still is not None:
         far = np.count_nonzero(still.seen.samples.depths > seen.samples.depths.max())
@@ -308,13 +328,13 @@ def test_edges_without_depth_alone_are_no_place_but_where_it_was_bound_for(
 
 
 @pytest.fixture(scope="module")
-def hall(far_hall: SyntheticSource) -> tuple[Background, Keyframe, Seen]:
+def hall(far_hall: SyntheticSource) -> tuple[Background, Keyframe, Seen, Align]:
     """On the way through a crowd, whose walls have no depth."""
     return on_the_way(far_hall, range(9))
 
 
-def on_the_way(source: SyntheticSource, indices: range) -> tuple[Background, Keyframe, Seen]:
-    """What knows the past of a way, its keyframe, and the last frame."""
+def on_the_way(source: SyntheticSource, indices: range) -> tuple[Background, Keyframe, Seen, Align]:
+    """What knows the past of a way, its keyframe, the last frame, and how it is registered."""
     odometry = Odometry(source.camera)
     registered: list[Seen] = []
     register = odometry._standing.register
@@ -327,7 +347,14 @@ def on_the_way(source: SyntheticSource, indices: range) -> tuple[Background, Key
     for reading in read_ahead(source, indices):
         assert reading.frame is not None
         odometry.track(reading.frame)
-    return odometry._standing._background, odometry._course.key, registered[-1].kept()
+    seen = registered[-1].kept()
+    registrar = odometry._locator.registrar
+    term = registrar.term(seen.frame.timestamp)
+
+    def align(kept: Seen, T_key_start: NDArray[np.float64]) -> Alignment:
+        return registrar.register(kept, T_key_start[None], term)
+
+    return odometry._standing._background, odometry._course.key, seen, align
 
 
 def test_a_kinect_that_turns_fast_between_few_frames_is_not_led_astray(real_data: Path) -> None:

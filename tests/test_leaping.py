@@ -188,7 +188,9 @@ def test_it_is_where_it_was_placed_at_last_that_counts(still, monkeypatch):
     odometry, seen = still
     monkeypatch.setattr(odometry._judge, "_agreeing", 1.0)
     here = odometry._locator.register(seen)[0]
-    monkeypatch.setattr(odometry._standing, "confirm", lambda *_: (here, Status.DEGRADED, "", None))
+    monkeypatch.setattr(
+        odometry._standing, "confirm", lambda *_: (seen, here, Status.DEGRADED, "", None)
+    )
     assert not confirmed(odometry, seen, 0.5)
 
 

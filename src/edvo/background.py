@@ -9,8 +9,9 @@ some depth beyond the reach of the sensor, under another's they do not.
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,7 @@ from edvo.keyframes import Keyframe
 from edvo.matching import Criterion
 from edvo.places import is_apart
 from edvo.planes import PlaneFitter, PlaneMap, camera_of, chosen
-from edvo.registration import Alignment, Registration
+from edvo.registration import Alignment
 from edvo.seen import Seen
 
 YOUNG_S = 0.09  # in less hardly anything has moved by more than its noise
@@ -47,6 +48,9 @@ FAR_FITS_PX, FAR_NEAR_PX, FAR_ANGLE_DEG = 1.0, 2.0, 45.0
 NEARNESS = np.array([0.0, 0.25, 0.5, 0.7, 0.85, 1.0])  # inverse depths, of that of the reach
 BLOCKS, SPREAD = 4, 1  # to the width of the image, each about as far as all, by so many of these
 AS_GOOD = 0.9  # of the best fit
+
+# Registers a frame from there, T_key_cur
+Align: TypeAlias = Callable[[Seen, NDArray[np.float64]], Alignment]
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,12 +102,20 @@ class _Far:
 
 @dataclass(frozen=True, slots=True)
 class _View:
-    """A frame and what it is held against: a keyframe, other images (pose, planes), far edges."""
+    """A frame and what it is held against: a keyframe, other images (pose, planes), far edges.
+
+    And how what is left of it is registered.
+    """
 
     key: Keyframe
     seen: Seen
     asked: Sequence[tuple[NDArray[np.float64], PlaneMap]]
     far: _Far | None
+    align: Align
+
+    def registered(self, kept: Seen, T_key_start: NDArray[np.float64]) -> Alignment | None:
+        """Register what is left of the frame, if that is enough."""
+        return self.align(kept, T_key_start) if len(kept.samples) >= MIN_SAMPLES else None
 
 
 class Background:
@@ -112,12 +124,11 @@ class Background:
     Parameters
     ----------
     camera : Camera
-    registration : Registration
     fitter : PlaneFitter
     """
 
-    def __init__(self, camera: Camera, registration: Registration, fitter: PlaneFitter) -> None:
-        self._camera, self._registration, self._fitter = camera, registration, fitter
+    def __init__(self, camera: Camera, fitter: PlaneFitter) -> None:
+        self._camera, self._fitter = camera, fitter
         self._pinhole = camera_of(camera)
         self._criterion = Criterion(0.0, camera.width, FAR_NEAR_PX, FAR_ANGLE_DEG).compile()
         self._past: deque[_Past] = deque()
@@ -181,6 +192,7 @@ class Background:
         seen: Seen,
         starts: Sequence[NDArray[np.float64]],
         velocity: NDArray[np.float64],
+        align: Align,
     ) -> Still | None:
         """Register what stands still of a frame.
 
@@ -192,6 +204,9 @@ class Background:
             Guesses of T_key_cur; what each leads to is compared.
         velocity : ndarray of float64, shape (6,)
             That the camera may be expected to keep, in its own frame, 1/s.
+        align : callable
+            Registers a `Seen`, of which only what stands still is left, with that keyframe, from a
+            guess of T_key_cur (4, 4).
 
         Returns
         -------
@@ -202,7 +217,7 @@ class Background:
         asked = self._asked(key, seen.frame.timestamp)
         if not asked:
             return None
-        view = _View(key, seen, asked, self._far(seen))
+        view = _View(key, seen, asked, self._far(seen), align)
         near = [self._approach(view, start) for start in _distinct(starts)]
         places = _distinct([T for T in near if T is not None])
         expected, reach = self._expected(key, seen.frame.timestamp, velocity)
@@ -236,7 +251,7 @@ class Background:
         kept = self._standing(view, T_key_cur)
         if view.far:
             kept = replace(kept, samples=self._placed(view, T_key_cur)[0])
-        alignment = self._align(view, kept, T_key_cur)
+        alignment = view.registered(kept, T_key_cur)
         return None if alignment is None else alignment.T_ref_cur
 
     def _settle(self, view: "_View", T_key_cur: NDArray[np.float64]) -> Still | None:
@@ -247,7 +262,7 @@ class Background:
             if view.far:
                 placed, _ = self._placed(view, T_key_cur)
                 kept = replace(kept, samples=kept.samples.joined(placed))
-            alignment = self._align(view, kept, T_key_cur)
+            alignment = view.registered(kept, T_key_cur)
             if alignment is None:
                 return None
             T_key_cur = alignment.T_ref_cur
@@ -256,7 +271,7 @@ class Background:
             near = self._standing(view, T_key_cur)
             is_far = len(near.samples) < MIN_SAMPLES
             near = replace(near, samples=near.samples.joined(placed.every(FAR_LEFT)))
-            again = None if is_far else self._align(view, near, T_key_cur)
+            again = None if is_far else view.registered(near, T_key_cur)
             if again is not None:
                 share_near = self._placed(view, again.T_ref_cur)[1]
                 if share_near > FAR_LOSS * share:
@@ -267,20 +282,6 @@ class Background:
         fitting = alignment.agreeing / len(kept.samples)
         worth = bare * share**FAR_POWER + (1 - bare) * lying * fitting
         return Still(kept, alignment, worth, is_far)
-
-    def _align(
-        self, view: "_View", kept: Seen, T_key_start: NDArray[np.float64]
-    ) -> Alignment | None:
-        if len(kept.samples) < MIN_SAMPLES:
-            return None
-        return self._registration.align(
-            view.key.edges_for(near=view.seen.is_near),
-            kept.samples,
-            T_key_start[None],
-            view.key.planes,
-            kept.points,
-            self._fitter.term,
-        )
 
     def _asked(self, key: Keyframe, timestamp: float) -> list[tuple[NDArray[np.float64], PlaneMap]]:
         """Images to be held against: the keyframe and some of the last second; poses, planes."""

@@ -155,10 +155,8 @@ class Placer:
         """
         seen, alignment, status, reason, still = placed[:5]
         timestamp = seen.frame.timestamp
-        if still is None:
-            seen = self._locator.settled(seen, alignment)
         answer = self._standing.confirm(seen, alignment, status, reason, still)
-        confirmed = Placed(seen, *answer, placed.way, placed.off)
+        confirmed = Placed(*answer, placed.way, placed.off)
         if confirmed.is_lost:
             if placed.is_back:
                 self._earlier.stay()

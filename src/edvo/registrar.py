@@ -74,6 +74,7 @@ class Registrar:
         max_sigma_px: float = math.inf,
         *,
         far: bool = False,
+        at_once: bool = False,
         first_sigma_px: float = 0.0,
         factors: NDArray[np.float64] | None = None,
     ) -> Alignment:
@@ -92,6 +93,9 @@ class Registrar:
         max_sigma_px, first_sigma_px : float
         far : bool
             See `Registration.align`.
+        at_once : bool
+            Whether its parts stay where they were expected: where it was last, from which they are
+            moved on, is wrong.
         factors : ndarray of float64, shape (N,), optional
             What each sample counts, as a factor on residual and derivative.
 
@@ -102,7 +106,7 @@ class Registrar:
         key = self._course.key
         if seen.is_stale:
             term = term._replace(weight=term.weight / max(len(seen.points.sigma), 1))
-        lag = self._lag(seen)
+        lag = AT_ONCE if at_once else self._lag(seen)
         if factors is not None:
             lag = lag._replace(sharp=lag.sharp * factors if len(lag.sharp) else factors)
         found = self._registration.align(

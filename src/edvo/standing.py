@@ -1,6 +1,10 @@
 """What a frame is located by: all of it, or what stands still where much moves by itself."""
 
 import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
 
 from edvo import se3
 from edvo.background import YOUNG_S, Background, Still
@@ -28,7 +32,7 @@ class Standing:
     def __init__(self, kit: Kit, course: Course, doubt: Doubt, locator: Locator) -> None:
         self._limits, self._judge, self._clock = kit.config.status, kit.judge, kit.clock
         self._course, self._doubt, self._locator = course, doubt, locator
-        self._background = Background(kit.camera, kit.registration, kit.fitter)
+        self._background = Background(kit.camera, kit.fitter)
         # Depth has to tell what moves from what does not.
         asked = self._limits.moving == "leave-out" and self._limits.max_conflict > 0
         self._leaves_out = asked and kit.fitter.is_on
@@ -101,46 +105,53 @@ class Standing:
         status: Status,
         reason: str,
         still: Still | None,
-    ) -> tuple[Alignment, Status, str, Still | None]:
+    ) -> tuple[Seen, Alignment, Status, str, Still | None]:
         """Ask the depth of a moment ago, and register anew what stands still if something moves.
 
         Parameters
         ----------
-        seen : Seen
-            With its parts at its instant.
-        alignment, status, reason, still
-            As `register` gave them.
+        seen, alignment, status, reason, still
+            As `register` was given the frame, and gave the rest.
 
         Returns
         -------
-        (Alignment, Status, str, Still or None)
-            As they are then.
+        (Seen, Alignment, Status, str, Still or None)
+            As they are then, the parts of the frame, and of what stands still, at its instant.
         """
+        settled = self._locator.settled(seen, alignment)
         if not self._limits.max_conflict:
-            return alignment, status, reason, still
-        status, reason = self._doubt.question(seen, alignment, status, reason)
+            return settled, alignment, status, reason, still
+        status, reason = self._doubt.question(settled, alignment, status, reason)
         doubted = status is Status.LOST or not self._judge.is_out_of_step(alignment)
         is_whole = still is None and not seen.without_movers
         if is_whole and doubted and self._is_noticed(seen.frame.timestamp):
             still = self._go_back(seen)
             if still is not None:
                 alignment = still.alignment
-                status, reason = self._doubt.question(seen, alignment, Status.DEGRADED, MOVED)
-        return alignment, status, reason, still
+                settled = self._locator.settled(seen, alignment)
+                status, reason = self._doubt.question(settled, alignment, Status.DEGRADED, MOVED)
+        if still is not None:
+            still = replace(still, seen=self._locator.settled(still.seen, alignment))
+        return settled, alignment, status, reason, still
 
     def _is_noticed(self, timestamp: float) -> bool:
         """Whether this frame shows that something moves."""
         return self.is_moving(timestamp) and self._doubt.moving_time == timestamp
 
-    def _stand_still(self, seen: Seen) -> Still | None:
+    def _stand_still(self, seen: Seen, *, at_once: bool = False) -> Still | None:
         """Register what stands still of a frame, if that is enough to be trusted."""
-        key = self._course.key
+        key, registrar = self._course.key, self._locator.registrar
+        term = registrar.term(seen.frame.timestamp)
+
+        def align(kept: Seen, T_key_start: NDArray[np.float64]) -> Alignment:
+            return registrar.register(kept, T_key_start[None], term, at_once=at_once)
+
         with self._clock("background"):
             starts = list(self._locator.starts(seen))
             then = self._background.last_pose()
             if then is not None:
                 starts.append(se3.inverse(key.T_world_key) @ then)
-            still = self._background.register(key, seen, starts, self._course.cruise)
+            still = self._background.register(key, seen, starts, self._course.cruise, align)
         if still is None:
             return None
         status, _ = self._locator.assessor.assess(still.alignment, seen.frame.timestamp)
@@ -152,9 +163,10 @@ class Standing:
         if not self._leaves_out or period > LONGEST_PREDICTION_S or seen.is_stale:
             return None
         still = self._stand_still(seen)
-        if still is None or not self._doubt.finds_motion(seen, still.alignment):
+        if still is None:
             return None
-        return still
+        settled = self._locator.settled(seen, still.alignment)
+        return still if self._doubt.finds_motion(settled, still.alignment) else None
 
     def _go_back(self, seen: Seen) -> Still | None:
         """Register again what stands still, from where the camera was before anything moved."""
@@ -163,7 +175,7 @@ class Standing:
             return None  # in a moment it will
         self._background.forget(since)
         self._doubt.forget_since(since)
-        return self._stand_still(seen)
+        return self._stand_still(seen, at_once=True)  # the last pose is wrong
 
 
 def _is_little(still: Still, seen: Seen) -> bool:
