@@ -156,6 +156,9 @@ BAD_FRAMES: list[tuple[Any, Any, Any, str]] = [
     (math.inf, GREY, DEPTH, "timestamp is inf"),
     ("now", GREY, DEPTH, "timestamp is 'now'; give finite seconds"),
     (None, GREY, DEPTH, "timestamp is None"),
+    ("1.5", GREY, DEPTH, "timestamp is '1.5'; give finite seconds"),
+    (True, GREY, DEPTH, "timestamp is True"),
+    (np.datetime64(1, "ns"), GREY, DEPTH, "timestamp is .*datetime64"),
     (0.0, None, DEPTH, "grey is NoneType; give a NumPy array"),
     (0.0, GREY, [[1.0]], "depth is list; give a NumPy array"),
     (

@@ -31,6 +31,8 @@ _GREY_CODES = {
 # otherwise cover all of it.
 _LARGEST_FOOTPRINT = 16
 LEAST_SCALE = 1e-3  # by less the largest depth value would be 65,000 km
+# What float() takes, though it is no number of seconds or metres
+_NO_NUMBERS = (bool, np.bool_, str, bytes, np.datetime64, np.timedelta64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -227,6 +229,8 @@ def finite_seconds(name: str, given: object) -> float:
 
 def _number(given: object) -> float:
     """What was given as one, or NaN."""
+    if isinstance(given, _NO_NUMBERS):
+        return math.nan
     try:
         return float(given)  # type: ignore[arg-type]
     except (TypeError, ValueError, OverflowError):

@@ -43,6 +43,7 @@ from edvo.search import Search
 from edvo.seen import Seen
 from edvo.sharing import SharedErrors
 from edvo.stale import StaleDepth
+from edvo.stamps import Stamps
 from edvo.standing import Standing
 from edvo.status import Judge, Status
 from edvo.tracked import Record, TrackedFrame
@@ -170,7 +171,7 @@ class Odometry:
             self._judge,
             self._search,
         )
-        self._freeze, self._stale = Freeze(), StaleDepth()
+        self._freeze, self._stale, self._stamps = Freeze(), StaleDepth(), Stamps()
         self._fresh = 0  # index of the last new image
         self._is_fine = False  # whether its depth was looked at closely
         self._pieces = pieces = Pieces()
@@ -233,6 +234,7 @@ class Odometry:
             If it is no frame, or not of the camera's size.
         """
         self._check_frame(frame)
+        self._stamps.note(frame.timestamp)
         self._upkeep.catch_up()
         self._rewind(frame.timestamp)
         if self._freeze.repeats(frame):
