@@ -209,4 +209,4 @@ def draw_camera(rng: np.random.Generator) -> Camera:
     cx = image.width / 2 - 0.5 + rng.uniform(*OFF_CENTRE_PX)
     cy = image.height / 2 - 0.5 + rng.uniform(*OFF_CENTRE_PX)
     focal *= image.scale
-    return Camera(image.width, image.height, focal, focal, cx, cy)
+    return Camera(image.width, image.height, focal, focal, cx, cy, depth_scale=5000.0)

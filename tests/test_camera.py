@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from edvo import camera as camera_module
 from edvo.camera import Camera
 from edvo.errors import CameraError, OutputError
+from edvo.frame import Frame
 
 FR1 = Camera(
     640,
@@ -296,9 +297,16 @@ def test_dict_comes_back() -> None:
 
 def test_real_cameras(real_data: Path) -> None:
     cameras = {path.parent.name: Camera.from_yaml(path) for path in real_data.glob("*/camera.yaml")}
-    assert cameras["tum_fr1_xyz"] == FR1
-    assert cameras["tum_fr3_cabinet_sparse"] == PINHOLE
+    assert cameras["tum_fr1_xyz"] == replace(FR1, depth_scale=5000.0)
+    assert cameras["tum_fr3_cabinet_sparse"] == replace(PINHOLE, depth_scale=5000.0)
     assert cameras["icl_office_kt3"].fy == 480.0
+
+
+def test_depth_is_in_millimetres_unless_it_is_said_otherwise_as_that_of_frames_is() -> None:
+    depth = np.full((480, 640), 1500, np.uint16)
+    frame = Frame.from_images(0.0, np.zeros((480, 640), np.uint8), depth)
+    assert PINHOLE.depth_scale == 1000.0
+    assert frame.depth[0, 0] == np.float32(1500 / PINHOLE.depth_scale)
 
 
 def test_numbers_that_yaml_takes_for_text(tmp_path: Path) -> None:

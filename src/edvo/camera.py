@@ -43,7 +43,8 @@ class Camera:
     distortion : tuple of float
         k1, k2, p1, p2, k3; four values leave k3 at zero.
     depth_scale : float
-        Value of the depth image that stands for one metre.
+        Value of the depth image that stands for one metre: 1000 for millimetres, as most cameras
+        have it; 5000 in TUM files.
     name : str
         What to call it in messages and reports.
 
@@ -67,7 +68,7 @@ class Camera:
     cx: float
     cy: float
     distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
-    depth_scale: float = 5000.0
+    depth_scale: float = 1000.0
     name: str = ""
 
     def __post_init__(self) -> None:

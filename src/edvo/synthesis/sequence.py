@@ -34,7 +34,7 @@ from edvo.trajectory import Trajectory
 
 TRUTH_RATE = 100.0  # Hz, as the motion capture of the TUM sequences
 #: The camera of the TUM fr3 sequences.
-DEFAULT_CAMERA = Camera(640, 480, 535.4, 539.2, 320.1, 247.6)
+DEFAULT_CAMERA = Camera(640, 480, 535.4, 539.2, 320.1, 247.6, depth_scale=5000.0)
 _PAIRING = 0.02  # s between colour and depth, as the TUM tools allow
 _METER = 8  # the light meter looks at every eighth pixel
 _LISTS = ("rgb.txt", "depth.txt", "groundtruth.txt")
