@@ -175,6 +175,16 @@ def test_no_edges_tell_nothing():
 # ------------------------------------------------------------------------------------- measuring
 
 
+def test_what_is_far_away_is_smeared_by_how_far_the_camera_turns():
+    known = Config().with_overrides(["motion.exposure=known", "motion.exposure_s=0.02"])
+    exposure = Exposure(problems.CAMERA, known)
+    assert exposure.smeared_px(np.array([9.0, 9, 9, 0, 0, 9])) == 0.0
+    assert exposure.smeared_px(np.array([0.0, 0, 0, 0.3, 0.4, 0])) == pytest.approx(
+        0.01 * problems.CAMERA.fx
+    )
+    assert Exposure(problems.CAMERA, Config()).smeared_px(np.ones(6)) == 0.0
+
+
 @pytest.mark.parametrize("seconds", [0.015, 0.02, 0.03])
 def test_the_exposure_shows_in_how_much_wider_edges_are_that_move_the_more(seconds):
     assert learned(exposure(), seconds=seconds, count=8) == pytest.approx(seconds, rel=0.15)

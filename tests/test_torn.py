@@ -15,6 +15,7 @@ from edvo.odometry import Odometry, Status
 from edvo.registration import FAILURES
 from edvo.status import TORN, Judge
 from edvo.synthesis.sequence import SyntheticSource
+from edvo.torn import SMEARED_PX
 
 from . import problems
 
@@ -184,18 +185,19 @@ def test_it_may_be_ignored(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("px", "agree", "inliers", "balance", "is_asked"),
+    ("px", "agree", "inliers", "balance", "is_asked", "smeared"),
     [
-        (0.3, 0.81, 940, 1.0, True),
-        (0.24, 0.81, 940, 1.0, False),  # edges are sharp, and agree
-        (0.24, 0.79, 940, 1.0, True),
-        (0.24, 0.79, 955, 1.0, False),  # hardly more are left out than ever
-        (0.3, 0.81, 955, 1.0, False),
-        (0.3, 0.81, 940, 0.0, False),
+        (0.3, 0.81, 940, 1.0, True, True),
+        (0.24, 0.81, 940, 1.0, False, False),  # edges are sharp, and agree
+        (0.24, 0.79, 940, 1.0, True, True),
+        (0.24, 0.79, 955, 1.0, False, True),  # hardly more are left out than ever
+        (0.3, 0.81, 955, 1.0, False, True),
+        (0.3, 0.81, 980, 1.0, False, False),
+        (0.3, 0.81, 940, 0.0, False, False),
     ],
 )
 def test_outvoted_depth_is_asked_where_edges_are_unsure(
-    usual, px, agree, inliers, balance, is_asked
+    usual, px, agree, inliers, balance, is_asked, smeared
 ):
     agreeing = round(agree * len(usual.matches))
     found = replace(
@@ -206,6 +208,8 @@ def test_outvoted_depth_is_asked_where_edges_are_unsure(
     assert not judging(usual, frames=0).torn.outvotes_depth(found)
     noisy = judging(replace(usual, sigma_depth=0.61))
     assert not noisy.torn.outvotes_depth(found)
+    assert judging(usual).torn.outvotes_depth(found, SMEARED_PX) == smeared
+    assert judging(usual).torn.outvotes_depth(found, 0.99 * SMEARED_PX) == is_asked
     often = judging(replace(usual, plane_inliers=940))  # as where people are about
     assert not often.torn.outvotes_depth(found)
 
@@ -289,7 +293,7 @@ def located():
 def outvoting(odometry, monkeypatch, again):
     """Let each frame outvote depth, and count those that are asked."""
     asked = []
-    monkeypatch.setattr(odometry._judge.torn, "outvotes_depth", lambda found: True)
+    monkeypatch.setattr(odometry._judge.torn, "outvotes_depth", lambda *_: True)
 
     def by_depth(seen, start, term, found):
         asked.append(seen)

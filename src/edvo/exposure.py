@@ -122,6 +122,21 @@ class Exposure:
         seconds = min(math.sqrt(max(self.estimate.value, 0.0)), LARGEST_S)
         self.seconds = seconds if seconds > (LASTING if self.seconds else 1.0) * LEAST_S else 0.0
 
+    def smeared_px(self, velocity: NDArray[np.float64]) -> float:
+        """Say over how many pixels what is far away is smeared.
+
+        Parameters
+        ----------
+        velocity : ndarray of float64, shape (6,)
+            Of the camera, [v, w] in its own frame, 1/s.
+
+        Returns
+        -------
+        float
+            At the centre of the image; 0 where it is exposed for an instant.
+        """
+        return self._pinhole.fx * self.seconds * math.hypot(velocity[3], velocity[4])
+
     def sharpness(
         self,
         samples: EdgePixels,

@@ -107,7 +107,7 @@ class Locator:
                 again = self._on_planes(seen, term, alignment, far=far)
             if far or not is_lost(again, timestamp) or is_lost(alignment, timestamp):
                 alignment = again
-        elif not far and self._judge.torn.outvotes_depth(alignment):
+        elif not far and self._judge.torn.outvotes_depth(alignment, self._smeared_px()):
             with self._clock("search"):
                 led = self._by_outvoted_depth(seen, starts[0], term, alignment)
             if led is not None:
@@ -237,6 +237,10 @@ class Locator:
         T_last_cur = kernels.inverted(self.mender.last_pose(alignment)) @ alignment.T_ref_cur
         period = course.period(timestamp)
         return self._instants.settled(seen, T_last_cur, period, alignment)
+
+    def _smeared_px(self) -> float:
+        """Over how many pixels edges are smeared where it goes on as it went."""
+        return self._instants.exposure.smeared_px(self._course.velocity)
 
     def _known(self, seen: Seen, starts: NDArray[np.float64]) -> Alignment | None:
         """What `align` has found of that frame, from the same starts."""

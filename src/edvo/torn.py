@@ -16,7 +16,8 @@ KNOWN = 10  # frames, before which what is usual is not known well enough for a 
 LEAST_SIGMA = 0.1  # times the sensor's noise, which depth is as good as not off by
 WIDER, FARTHER = 1.6, 2.0  # times the usual, that edges scatter and depth is off by, to be torn
 DOUBTFUL = 4.0  # times that of depth, which raises doubt; ``MILD_SIGMA`` does so, too
-OUTVOTED = 0.04  # more of the points on planes than as a rule, as a share, that are outliers
+OUTVOTED = 0.04  # more of the points on planes than as a rule, as a share, that are outliers;
+SMEARED_PX, OUTVOTED_BY_SMEAR = 5.0, 0.015  # less do where edges are smeared so far
 GOOD_SIGMA = 0.6  # times the noise of a sensor, that depth is off by as a rule where it is good
 UNSURE_PX = 0.25  # edges that scatter by less, and agree, are not asked
 MORE_POINTS, SAME_SIGMA, ENOUGH_EDGES = 1.03, 1.1, 0.8  # times those of the other, to fit better
@@ -99,7 +100,7 @@ class Torn:
         if not self._scatter.is_wide(alignment):  # else it has been noted as that
             self._scatter.widen()
 
-    def outvotes_depth(self, alignment: Alignment) -> bool:
+    def outvotes_depth(self, alignment: Alignment, smeared_px: float = 0.0) -> bool:
         """Whether more points than as a rule are outliers of depth that is good, and edges unsure.
 
         A wall that alone says how far the camera went to one side is outvoted by all the others.
@@ -108,6 +109,8 @@ class Torn:
         Parameters
         ----------
         alignment : Alignment
+        smeared_px : float, optional
+            Over so many pixels edges are smeared.
 
         Returns
         -------
@@ -118,7 +121,8 @@ class Torn:
         agree = alignment.agreeing >= SURE * len(alignment.matches)
         if agree and alignment.sigma_px < UNSURE_PX:
             return False
-        return self._sigma < GOOD_SIGMA and alignment.outliers > self._outliers + OUTVOTED
+        more = OUTVOTED_BY_SMEAR if smeared_px >= SMEARED_PX else OUTVOTED
+        return self._sigma < GOOD_SIGMA and alignment.outliers > self._outliers + more
 
     def fits_more_depth(self, alignment: Alignment, other: Alignment) -> bool:
         """Whether more points fit a registration, as closely, for hardly fewer edges that agree.
