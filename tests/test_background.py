@@ -23,6 +23,7 @@ from edvo.frame import Frame
 from edvo.keyframes import Keyframe
 from edvo.matching import Criterion, EdgeIndex
 from edvo.odometry import Odometry, Status
+from edvo.placing import Placed
 from edvo.planes import PlaneFitter, PlaneMap, PlanePoints
 from edvo.registration import AT_ONCE, Alignment
 from edvo.report.sights import look
@@ -98,15 +99,54 @@ def test_where_a_third_of_the_view_moves_the_rest_is_followed(small_hall: Synthe
 def test_depth_that_is_late_is_taken_so_where_much_of_the_view_moves(
     small_hall: SyntheticSource,
 ) -> None:
-    readings = read_ahead(small_hall, range(239, 260))
+    away, statuses = followed(small_hall, late(small_hall, range(240, 260)))
+    assert set(statuses[2:]) == {Status.DEGRADED}
+    assert away[7:].max() < 0.02  # the pose goes along before that
+
+
+def late(source: SyntheticSource, indices: range) -> list[Frame]:
+    """Frames that have the depth of the one before each, and say so."""
+    readings = read_ahead(source, range(indices.start - 1, indices.stop))
     frames = [reading.frame for reading in readings if reading.frame is not None]
-    late = [
+    return [
         replace(frame, depth=old.depth, depth_delay=old.timestamp - frame.timestamp)
         for old, frame in itertools.pairwise(frames)
     ]
-    away, statuses = followed(small_hall, late)
-    assert set(statuses[2:]) == {Status.DEGRADED}
-    assert away[7:].max() < 0.02  # the pose goes along before that
+
+
+def test_parts_stay_where_they_were_expected_as_long_as_the_last_pose_is_wrong(
+    small_hall: SyntheticSource, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    odometry = Odometry(small_hall.camera)
+    registrar, placer = odometry._locator.registrar, odometry._placer
+    register, confirm = registrar.register, placer.confirm
+    at_once: list[bool] = []
+    confirmed: list[tuple[Placed, Placed, bool]] = []
+
+    def registered(*given: Any, **options: Any) -> Alignment:
+        at_once.append(options.get("at_once", False))
+        return register(*given, **options)
+
+    def confirming(placed: Placed) -> Placed:
+        at_once.clear()
+        result = confirm(placed)
+        confirmed.append((placed, result, any(at_once)))
+        return result
+
+    monkeypatch.setattr(registrar, "register", registered)
+    monkeypatch.setattr(placer, "confirm", confirming)
+    for frame in late(small_hall, range(240, 252)):
+        odometry.track(frame)
+    backs = [before.still is None and after.still is not None for before, after, _ in confirmed]
+    assert [asked for *_, asked in confirmed] == backs
+    assert 0 < sum(backs) < len(backs) - 3
+    for (before, after, _), back in zip(confirmed, backs, strict=True):
+        parts = [(before.seen, after.seen)]
+        if before.still and after.still:
+            parts.append((before.still.seen, after.still.seen))
+        for was, now in parts:
+            there, here = was.T_world_depth(np.eye(4)), now.T_world_depth(np.eye(4))
+            assert np.array_equal(there, here) == back
 
 
 @pytest.fixture(scope="module")

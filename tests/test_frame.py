@@ -55,6 +55,7 @@ def test_a_good_frame_is_kept_as_it_is() -> None:
         frame.timestamp = 0.0  # type: ignore[misc]
     assert type(Frame(np.float64(3), GREY, DEPTH).timestamp) is float
     assert type(Frame(3, GREY, DEPTH).timestamp) is float
+    assert Frame(np.array(3.5), GREY, DEPTH).timestamp == 3.5
 
 
 @pytest.mark.parametrize("turn", [np.rot90, np.transpose, np.asfortranarray, np.flipud])
@@ -158,6 +159,8 @@ BAD_FRAMES: list[tuple[Any, Any, Any, str]] = [
     (None, GREY, DEPTH, "timestamp is None"),
     ("1.5", GREY, DEPTH, "timestamp is '1.5'; give finite seconds"),
     (True, GREY, DEPTH, "timestamp is True"),
+    (np.array("1.5"), GREY, DEPTH, "timestamp is .*1.5"),
+    (np.array(True), GREY, DEPTH, "timestamp is "),
     (np.datetime64(1, "ns"), GREY, DEPTH, "timestamp is .*datetime64"),
     (0.0, None, DEPTH, "grey is NoneType; give a NumPy array"),
     (0.0, GREY, [[1.0]], "depth is list; give a NumPy array"),

@@ -229,6 +229,8 @@ def finite_seconds(name: str, given: object) -> float:
 
 def _number(given: object) -> float:
     """What was given as one, or NaN."""
+    if isinstance(given, np.ndarray) and not given.ndim:
+        given = given[()]  # a scalar of its type
     if isinstance(given, _NO_NUMBERS):
         return math.nan
     try:

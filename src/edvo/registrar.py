@@ -94,8 +94,8 @@ class Registrar:
         far : bool
             See `Registration.align`.
         at_once : bool
-            Whether its parts stay where they were expected: where it was last, from which they are
-            moved on, is wrong.
+            Whether its parts stay where they were expected, and count alike: where it was last,
+            from which they are moved on, is wrong.
         factors : ndarray of float64, shape (N,), optional
             What each sample counts, as a factor on residual and derivative.
 

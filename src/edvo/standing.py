@@ -116,7 +116,8 @@ class Standing:
         Returns
         -------
         (Seen, Alignment, Status, str, Still or None)
-            As they are then, the parts of the frame, and of what stands still, at its instant.
+            As they are then, the parts of the frame, and of what stands still, at its instant; but
+            where they were expected where the poses of late are wrong, which would tell that.
         """
         settled = self._locator.settled(seen, alignment)
         if not self._limits.max_conflict:
@@ -125,11 +126,10 @@ class Standing:
         doubted = status is Status.LOST or not self._judge.is_out_of_step(alignment)
         is_whole = still is None and not seen.without_movers
         if is_whole and doubted and self._is_noticed(seen.frame.timestamp):
-            still = self._go_back(seen)
-            if still is not None:
-                alignment = still.alignment
-                settled = self._locator.settled(seen, alignment)
-                status, reason = self._doubt.question(settled, alignment, Status.DEGRADED, MOVED)
+            back = self._go_back(seen)
+            if back is not None:
+                answer = self._doubt.question(seen, back.alignment, Status.DEGRADED, MOVED)
+                return seen, back.alignment, *answer, back
         if still is not None:
             still = replace(still, seen=self._locator.settled(still.seen, alignment))
         return settled, alignment, status, reason, still

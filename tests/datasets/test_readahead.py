@@ -7,6 +7,7 @@ import time
 import pytest
 
 from edvo.datasets import Reading, open_source, read_ahead
+from edvo.datasets.readahead import _NICENESS
 
 
 class Slow:
@@ -113,5 +114,5 @@ def test_threads_give_way_and_the_caller_does_not():
 
     before = niceness()
     seen = list(read_ahead(Asking(), range(4)))
-    assert seen == [min(before + 2, 19)] * 4
+    assert seen == [min(before + _NICENESS, 19)] * 4
     assert niceness() == before
