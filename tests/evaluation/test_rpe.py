@@ -142,3 +142,33 @@ def test_what_cannot_be_compared_says_why(make_pair):
         relative_pose_error(reference, estimate, unit="m")
     with pytest.raises(EvaluationError, match="unknown formula"):
         relative_pose_error(reference, estimate, formula="evo")
+
+
+def poses_at(times):
+    return Trajectory.from_poses(times, np.tile(np.eye(4), (len(times), 1, 1)))
+
+
+STEADY = np.arange(100) / 30
+ON_A_CLOCK = 1.6e9 + np.arange(100) / 10
+TWO_PARTS = np.array([0.0, 1.0, 1000.0, 1001.0])
+
+
+@pytest.mark.parametrize(
+    ("times", "delta", "unit", "mend", "will_do"),
+    [
+        (STEADY, 0.001, "s", "give a longer delta: 0.0334 s will do", 0.0334),
+        (STEADY, 0.3, "f", "give a longer delta: 1 frame will do", 1),
+        (STEADY, 60, "s", "give a shorter delta: up to 3.23 s will do", 3.23),
+        (STEADY, 99, "f", "give a shorter delta: up to 97 frames will do", 97),
+        (ON_A_CLOCK, 0.001, "s", "give a longer delta: 0.1 s will do", 0.1),
+        (TWO_PARTS, 300, "s", "there is a gap between them; give another delta", 999),
+        (STEADY[:3], 1, "s", "give 4 poses at least", None),
+    ],
+)
+def test_a_span_without_pairs_says_which_will_do(times, delta, unit, mend, will_do):
+    still = poses_at(times)
+    with pytest.raises(EvaluationError) as told:
+        relative_pose_error(still, still, delta=delta, unit=unit)
+    assert str(told.value).endswith(f"; {mend}")
+    if will_do is not None:
+        assert len(relative_pose_error(still, still, delta=will_do, unit=unit)) > 1

@@ -83,6 +83,30 @@ def test_what_is_no_trajectory_is_an_error(make_pair, how, given):
         how(reference, given)
 
 
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"delta": "1"}, "^delta is '1'; give a positive number$"),
+        ({"delta": None}, "^delta is None; give a positive number$"),
+        ({"delta": True}, "^delta is True; give a positive number$"),
+        ({"frames": "12"}, "^frames is '12'; give how many there are$"),
+        ({"frames": True}, "^frames is True; give how many there are$"),
+        ({"max_difference": "1"}, "^max_difference is '1'; give seconds$"),
+        ({"max_pairs": "1"}, "^max_pairs is '1'; give how many, or 0 for all$"),
+    ],
+)
+def test_an_option_that_is_no_number_is_an_error(make_pair, options, words):
+    with pytest.raises(EvaluationError, match=words):
+        evaluate(*make_pair(11), **options)
+
+
+def test_numbers_of_numpy_are_numbers(make_pair):
+    reference, estimate = make_pair(11)
+    told = evaluate(reference, estimate, np.int64(1000), delta=np.float32(1))
+    assert told.coverage == len(estimate) / 1000
+    assert told.rpe is not None
+
+
 def test_coverage_counts_frames():
     assert coverage(123, 123) == 1.0
     assert coverage(0, 10) == 0.0

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edvo.errors import EvaluationError
-from edvo.evaluation.checks import check_trajectories
+from edvo.evaluation.checks import check_number, check_trajectories
 from edvo.evaluation.statistics import Statistics
 from edvo.trajectory import Trajectory
 
@@ -97,9 +97,11 @@ def absolute_trajectory_error(
     Raises
     ------
     EvaluationError
-        If fewer than three poses have a partner, or one is no trajectory.
+        If fewer than three poses have a partner, the difference is no number, or one is no
+        trajectory.
     """
     check_trajectories(reference, estimate)
+    check_number("max_difference", max_difference, "seconds")
     true, estimated = _match(reference.timestamps, estimate.timestamps, max_difference)
     if len(true) < 3:
         raise EvaluationError(

@@ -7,6 +7,7 @@ good: no error is printed without its coverage.
 import numpy as np
 
 from edvo.errors import EvaluationError
+from edvo.evaluation.checks import check_number
 from edvo.trajectory import Trajectory, nearest_indices
 
 # Further than this many usual intervals of the estimate from any of its poses, it has a hole.
@@ -31,8 +32,9 @@ def coverage(poses: int, frames: int) -> float:
     Raises
     ------
     EvaluationError
-        If there are no frames or more poses than frames.
+        If there are no frames or more poses than frames, or it is no number.
     """
+    check_number("frames", frames, "how many there are")
     if not 0 <= poses <= frames or frames == 0:
         raise EvaluationError(f"{poses} poses of {frames} frames; count the frames of this source")
     return poses / frames

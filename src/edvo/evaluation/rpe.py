@@ -5,6 +5,7 @@ tables come (J. Sturm et al., *A Benchmark for the Evaluation of RGB-D SLAM Syst
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal, get_args
@@ -13,12 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edvo.errors import EvaluationError
-from edvo.evaluation.checks import check_trajectories
+from edvo.evaluation.checks import check_number, check_trajectories
 from edvo.evaluation.statistics import Statistics
 from edvo.trajectory import Trajectory, nearest_indices
 
 Unit = Literal["s", "f"]
 Formula = Literal["script", "sturm"]
+
+_FEWEST_POSES = 4  # two pairs, none of which ends on the last pose
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,6 +165,7 @@ def relative_pose_error(
     """
     check_trajectories(reference, estimate)
     check_span(delta, unit)
+    check_number("max_pairs", max_pairs, "how many, or 0 for all")
     if formula not in get_args(Formula):
         raise EvaluationError(f"unknown formula {formula!r}; choose script or sturm")
     if len(reference) < 2 or len(estimate) < 2:
@@ -226,8 +230,9 @@ def check_span(delta: float, unit: str) -> None:
     EvaluationError
         If it is not positive, or the unit is none of `Unit`.
     """
+    check_number("delta", delta, "a positive number")
     if not (np.isfinite(delta) and delta > 0):
-        raise EvaluationError(f"delta is {delta}; give a positive span")
+        raise EvaluationError(f"delta is {delta}; give a positive number")
     if unit not in get_args(Unit):
         raise EvaluationError(f"unknown unit {unit!r}; choose s (seconds) or f (frames)")
 
@@ -267,25 +272,48 @@ def _angles(rotations: NDArray[np.float64]) -> NDArray[np.float64]:
 def _why_none(
     reference: Trajectory, estimate: Trajectory, delta: float, unit: Unit, pairs: int
 ) -> str:
-    span = f"{delta:g} {'s' if unit == 's' else 'frames'}"
     if pairs < 2:
         return (
-            f"fewer than two pairs of estimated poses lie {span} apart ({len(estimate)} poses, "
-            f"{estimate.stamps[0]} to {estimate.stamps[-1]}); "
-            f"give a shorter delta{_at_most(estimate, delta, unit)}"
+            f"fewer than two pairs of estimated poses lie {_span(delta, unit)} apart "
+            f"({len(estimate)} poses, {estimate.stamps[0]} to {estimate.stamps[-1]}); "
+            f"{_better_span(estimate, delta, unit)}"
         )
     return (
-        f"fewer than two of {pairs} pairs {span} apart have a true pose near: truth spans "
-        f"{reference.stamps[0]} to {reference.stamps[-1]}, the estimate {estimate.stamps[0]} to "
-        f"{estimate.stamps[-1]}; check that both have the same clock"
+        f"fewer than two of {pairs} pairs {_span(delta, unit)} apart have a true pose near: truth "
+        f"spans {reference.stamps[0]} to {reference.stamps[-1]}, the estimate "
+        f"{estimate.stamps[0]} to {estimate.stamps[-1]}; check that both have the same clock"
     )
 
 
-def _at_most(estimate: Trajectory, delta: float, unit: Unit) -> str:
-    """Say how long a span the first two poses have a partner for, other than the last pose."""
-    if len(estimate) < 4:
-        return ""
-    if unit == "f":
-        return f", {len(estimate) - 3} at most"
-    longest = math.floor(1e2 * float(estimate.timestamps[-2] - estimate.timestamps[1])) / 1e2
-    return f", {longest:g} s at most" if 0 < longest < delta else ""  # else it is for a gap
+def _span(delta: float, unit: Unit) -> str:
+    return f"{delta:g} {'s' if unit == 's' else 'frame' if delta == 1 else 'frames'}"
+
+
+def _better_span(estimate: Trajectory, delta: float, unit: Unit) -> str:
+    """Say which span there are pairs for."""
+    if len(estimate) < _FEWEST_POSES:
+        return f"give {_FEWEST_POSES} poses at least"
+    axis = estimate.timestamps if unit == "s" else np.arange(len(estimate), dtype=np.float64)
+    step = float(np.median(np.diff(axis)))
+    if delta < step:
+        one = _three_digits(step, math.ceil)
+        return f"give a longer delta{_if_it_does(estimate, one, unit, '')}"
+    # The first two poses have a partner then, other than the last pose.
+    longest = _three_digits(float(axis[-2] - axis[1]), math.floor)
+    if longest >= delta:
+        return "there is a gap between them; give another delta"
+    return f"give a shorter delta{_if_it_does(estimate, longest, unit, 'up to ')}"
+
+
+def _if_it_does(estimate: Trajectory, delta: float, unit: Unit, how: str) -> str:
+    if delta > 0 and len(_pairs(estimate, delta, unit)[0]) > 1:
+        return f": {how}{_span(delta, unit)} will do"
+    return ""
+
+
+def _three_digits(value: float, rounded: Callable[[float], int]) -> float:
+    """Shorten a span; the hundredth of a digit is the stamps' own rounding."""
+    if value <= 0:
+        return 0.0
+    digits = 2 - math.floor(math.log10(value))
+    return rounded(round(value * 10.0**digits, 2)) / 10.0**digits

@@ -5,7 +5,7 @@ from typing import Any
 
 from edvo.errors import EvaluationError
 from edvo.evaluation.ate import AbsoluteTrajectoryError, absolute_trajectory_error
-from edvo.evaluation.checks import check_trajectories
+from edvo.evaluation.checks import check_number, check_trajectories
 from edvo.evaluation.coverage import coverage, span_coverage
 from edvo.evaluation.rpe import (
     RelativePoseError,
@@ -116,6 +116,8 @@ def evaluate(
     """
     check_trajectories(reference, estimate)
     check_span(delta, unit)
+    check_number("max_pairs", max_pairs, "how many, or 0 for all")
+    check_number("max_difference", max_difference, "seconds")
     share = None if frames is None else coverage(len(estimate), frames)
     still = standing_still(estimate)
     notes = []
