@@ -135,6 +135,14 @@ def test_poses_are_sorted_copied_and_frozen():
         ([1.0, 2.0], [np.eye(4), np.eye(3)], "poses are no array of numbers"),
         ([1.0], None, "do not go together"),
         ([1.0], [object()], "poses are no array of numbers"),
+        (np.array(["2020-01-01"], "datetime64[ns]"), np.eye(4)[None], "numbers but of datetime64"),
+        (np.array([1], "timedelta64[s]"), np.eye(4)[None], "numbers but of timedelta64"),
+        (["1"], np.eye(4)[None], "times are no array of numbers but of str"),
+        (np.array(["1"], object), np.eye(4)[None], "times are no array of numbers but of str"),
+        ([b"1"], np.eye(4)[None], "times are no array of numbers but of bytes"),
+        ([True], np.eye(4)[None], "times are no array of numbers but of bool"),
+        ([1.0], np.eye(4)[None] > 0, "poses are no array of numbers but of bool"),
+        ([1.0], 1j * np.eye(4)[None], "poses are no array of numbers but of complex"),
     ],
 )
 def test_what_is_no_trajectory_is_refused(times, poses, words):
@@ -151,6 +159,7 @@ def test_what_is_no_trajectory_is_refused(times, poses, words):
         ([1.0], np.eye(4)[None], 1, "stamps are 1; give a text for each pose"),
         ([1.0], np.eye(4)[None], (1,), "a stamp is no text"),
         ([1.0], np.eye(4)[None], ("1", "2"), "2 stamps for 1 poses"),
+        ([1.0], np.eye(4)[None], "1", "stamps are one text, '1'; give a text for each pose"),
     ],
 )
 def test_what_does_not_go_together_is_refused(times, poses, stamps, words):
@@ -216,3 +225,20 @@ def test_of_equal_stamps_of_a_tracker_the_first_is_kept():
         Trajectory.from_frames([0.1, 0.2, 0.3], poses)
     with pytest.raises(TrajectoryError, match="4 timestamps, 4 poses, 1 stamps; give one of each"):
         Trajectory.from_frames([0.1, 0.2, 0.3, 0.4], poses, ["a"])
+
+
+@pytest.mark.parametrize(
+    ("poses", "stamps", "words"),
+    [
+        (None, None, r"poses are None; give a \(4, 4\) pose for each frame"),
+        (1.0, None, r"poses are 1.0; give a \(4, 4\) pose for each frame"),
+        ([np.eye(4)] * 2, 1, "stamps are 1; give a text for each pose"),
+        ([np.eye(4)] * 2, "12", "stamps are one text, '12'; give a text for each pose"),
+        ([np.eye(4)] * 2, [1, 2], "a stamp is no text"),
+        ("ab", None, "poses are no array of numbers"),
+    ],
+)
+def test_what_a_tracker_cannot_have_given_is_refused(poses, stamps, words):
+    with pytest.raises(TrajectoryError, match=words) as told:
+        Trajectory.from_frames([0.0, 1.0], poses, stamps)
+    assert "\n" not in str(told.value)

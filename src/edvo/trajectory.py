@@ -19,6 +19,7 @@ from edvo.files import write_atomically
 HEADER = "# timestamp tx ty tz qx qy qz qw"
 
 _ROTATION_TOLERANCE = 1e-6
+_NO_NUMBERS = (str, bytes, bool, np.bool_, np.datetime64, np.timedelta64, np.complexfloating)
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,8 +154,15 @@ class Trajectory:
             As the class does.
         """
         times = _numbers("times", timestamps).ravel()
+        try:
+            poses = tuple(poses)
+        except TypeError as error:
+            raise TrajectoryError(
+                f"poses are {poses!r:.40}; give a (4, 4) pose for each frame"
+            ) from error
         counts = {"timestamps": len(times), "poses": len(poses)}
         if stamps is not None:
+            stamps = _texts(stamps)
             counts["stamps"] = len(stamps)
         if len(set(counts.values())) > 1:
             told = ", ".join(f"{count} {name}" for name, count in counts.items())
@@ -373,13 +381,20 @@ def stamp_text(time: float) -> str:
 
 
 def _numbers(name: str, given: ArrayLike) -> NDArray[np.float64]:
-    """Copy times or poses as an array, or say that they are none."""
+    """Copy times or poses as an array, or say that they are none.
+
+    NumPy would take texts, truth values and dates for numbers.
+    """
+    mend = "give (N,) times and (N, 4, 4) poses"
     try:
-        return np.array(given, dtype=np.float64)
+        array = np.asarray(given)
+        kinds = {type(each) for each in array.flat} if array.dtype == object else {array.dtype.type}
+        wrong = [kind.__name__ for kind in kinds if issubclass(kind, _NO_NUMBERS)]
+        if wrong and array.size:
+            raise TrajectoryError(f"{name} are no array of numbers but of {wrong[0]}; {mend}")
+        return np.array(array, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
-        raise TrajectoryError(
-            f"{name} are no array of numbers; give (N,) times and (N, 4, 4) poses"
-        ) from error
+        raise TrajectoryError(f"{name} are no array of numbers; {mend}") from error
 
 
 def _texts(stamps: Sequence[str]) -> tuple[str, ...]:
@@ -387,6 +402,8 @@ def _texts(stamps: Sequence[str]) -> tuple[str, ...]:
         texts = tuple(stamps)
     except TypeError as error:
         raise TrajectoryError(f"stamps are {stamps!r:.40}; give a text for each pose") from error
+    if isinstance(stamps, str):
+        raise TrajectoryError(f"stamps are one text, {stamps!r:.40}; give a text for each pose")
     if not all(isinstance(text, str) for text in texts):
         raise TrajectoryError("a stamp is no text; give each as the source writes it")
     return texts
