@@ -1,6 +1,8 @@
 """`edvo synth` as from a shell."""
 
+import os
 import shlex
+import shutil
 import signal
 from pathlib import Path
 from typing import Any
@@ -218,24 +220,43 @@ def test_interrupted_it_leaves_nothing_that_looks_whole(
     assert "is incomplete: synthetic sequence" in told.err
 
 
-@pytest.mark.parametrize("named", ["sub/s", "."])
+@pytest.mark.parametrize("named", ["sub/s", ".", "..", "../there", "linked"])
 def test_a_folder_begun_says_how_to_write_it_again_from_anywhere(
     edvo: Any, tmp_path: Path, camera: Path, monkeypatch: pytest.MonkeyPatch, named: str
 ) -> None:
     place = tmp_path / "here"
     place.mkdir()
+    (tmp_path / "elsewhere").mkdir()
+    (place / "linked").symlink_to(tmp_path / "elsewhere")
+    shutil.copy(camera, place / "own.yaml")
+    (place / "mine.yaml").write_text("like: notexture_far\n")
     monkeypatch.chdir(place)
-    options = ("--frames", 1, "--camera", camera, "--jump", 0.5, "--auto-exposure")
+    options = ("--frames", 1, "--camera", "own.yaml", "--jump", 0.5, "--auto-exposure")
     with full_disk(2):
-        assert edvo("synth", "notexture_far", named, *options).status == 1
-    folder = place if named == "." else place / named
+        assert edvo("synth", "mine.yaml", named, *options, "--force").status == 1
+    folder = Path(os.path.normpath(place / named))
     mark = (folder / "INCOMPLETE.txt").read_text()
     words = shlex.split(mark.partition("to do it again: ")[2])
-    assert words[:4] == ["edvo", "synth", "notexture_far", str(folder)]
-    monkeypatch.chdir(tmp_path)
+    assert words[:4] == ["edvo", "synth", str(place / "mine.yaml"), str(folder)]
+    assert words[words.index("--camera") + 1] == str(place / "own.yaml")
+    monkeypatch.chdir("/")
     again = edvo(*words[1:])
     assert again.status == 0, again.err
-    assert f"notexture_far {folder.name} --frames" in (folder / "README.txt").read_text()
+    made = (folder / "README.txt").read_text()
+    assert f"mine.yaml {folder.name} --frames 1 --camera " in made
+    monkeypatch.chdir(place)
+    assert edvo("synth", "mine.yaml", named, *options, "--force").status == 0
+    made = (folder / "README.txt").read_text()
+    command = f"edvo synth mine.yaml {folder.name} --frames 1 --camera own.yaml "
+    assert f"Made by: {command}" in made
+
+
+def test_a_name_stays_a_name_in_the_command(edvo: Any, tmp_path: Path) -> None:
+    with full_disk(2):
+        edvo("synth", "notexture_far", tmp_path / "s", "--frames", 1, "--camera", "tum-fr1")
+    mark = (tmp_path / "s/INCOMPLETE.txt").read_text()
+    assert " notexture_far " in mark
+    assert " --camera tum-fr1 " in mark
 
 
 def test_the_list_comes_with_thumbnails(edvo: Any, tmp_path: Path) -> None:

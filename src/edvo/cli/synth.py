@@ -1,11 +1,13 @@
 """`edvo synth`."""
 
+import os
 import shlex
+from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 
 from edvo.cli.terminal import Advance, progress, say
-from edvo.datasets.known_cameras import find_camera
+from edvo.datasets.known_cameras import KNOWN_CAMERAS, find_camera
 from edvo.synthesis.clock import Clock
 from edvo.synthesis.contact_sheet import contact_sheet
 from edvo.synthesis.image_sensor import AutoExposure
@@ -82,6 +84,11 @@ def synth(
         exposure=AutoExposure() if auto_exposure else None,
         depth_clock=Clock(offset=depth_delay, jitter=_DEPTH_JITTER) if depth_delay else Clock(),
     )
+    # The command that an interruption leaves works from anywhere.
+    camera_here = camera
+    if camera is not None and camera not in KNOWN_CAMERAS:
+        camera_here = str(Path(camera).absolute())
+    scene_here = scene if scene in scene_names() else str(Path(scene).absolute())
     options: dict[str, object] = {
         "frames": frames,
         "camera": camera,
@@ -96,17 +103,13 @@ def synth(
         "depth-delay": depth_delay or None,
         "seed": seed,
     }
-    words = [
-        word
-        for name, value in options.items()
-        if value is not None
-        for word in (f"--{name}", str(value))
-    ]
-    for instant in jumps or []:
-        words += ["--jump", str(instant)]
+    more = [word for instant in jumps or [] for word in ("--jump", str(instant))]
     if auto_exposure:
-        words += ["--auto-exposure"]
-    place = target.absolute()
+        more.append("--auto-exposure")
+    words = [*_words(options), *more]
+    redo = [*_words({**options, "camera": camera_here}), *more, "--force"]
+    # ".." is no name, and a link has its own.
+    place = Path(os.path.realpath(target)) if ".." in target.parts else target.absolute()
     with ExitStack() as bars:
         advance: Advance | None = None
 
@@ -121,8 +124,13 @@ def synth(
             target,
             # What is written is the same wherever that is; what an interruption leaves is not.
             command=shlex.join(["edvo", "synth", scene, place.name, *words]),
-            redo=shlex.join(["edvo", "synth", scene, str(place), *words, "--force"]),
+            redo=shlex.join(["edvo", "synth", scene_here, str(place), *redo]),
             force=force,
             progress=step,
         )
     say(f"{frames} frames of {data.name} in {folder}")
+
+
+def _words(options: Mapping[str, object]) -> list[str]:
+    given = [(name, value) for name, value in options.items() if value is not None]
+    return [word for name, value in given for word in (f"--{name}", str(value))]
