@@ -43,6 +43,17 @@ def one_line(error: str) -> bool:
     return error.startswith("edvo: ") and error.count("\n") == 1
 
 
+def test_stamps_that_are_no_seconds_are_told_of(edvo: Command, sequence: Path) -> None:
+    assert "stamps" not in edvo("compare", sequence, "--max-frames", 2).err
+    for name in ("rgb.txt", "depth.txt", "groundtruth.txt"):
+        rows = [row.split(" ", 1) for row in (sequence / name).read_text().splitlines()]
+        text = [f"{1e3 * float(t):.3f} {rest}\n" for t, rest in rows if t != "#"]
+        (sequence / name).write_text("".join(text))
+    told = edvo("compare", sequence, "--max-frames", 2).err
+    assert f"warning: {sequence.name}: " in told
+    assert "stamps look like milliseconds" in told
+
+
 def test_both_presets_and_who_is_named(edvo: Command, whole_sequence: Path, tmp_path: Path) -> None:
     outcome = edvo(
         "compare", whole_sequence, "--with", "opencv-rgbd,opencv-rgb-f2f", "-o", tmp_path

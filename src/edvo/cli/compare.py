@@ -21,6 +21,7 @@ from edvo.cli.recording import open_recording
 from edvo.cli.terminal import note, progress, say, table
 from edvo.config import Config
 from edvo.datasets import Source
+from edvo.datasets.inspection.unit import check_unit
 from edvo.errors import ConfigError, DatasetError, EvaluationError
 from edvo.experiments.variants import variants_of
 from edvo.files import Unwritten, output_folder, write_atomically
@@ -99,7 +100,8 @@ def compare(
     _check_names(peers, systems, files, jobs[0].source)
     results = Results(None if out is None else output_folder(out, files=FILES))
     for job in jobs:
-        for warning in job.source.warnings:
+        stamps = check_unit(job.source.timestamps)
+        for warning in (*job.source.warnings, *stamps.warnings):
             note(f"warning: {job.source.name}: {warning}")
     # While a system is timed, nothing else may compute.
     cv2.setNumThreads(1)
