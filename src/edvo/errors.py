@@ -21,7 +21,7 @@ class ImageSizeError(FrameError):
     message : str
         What is wrong, and the mend.
     size : (int, int)
-        Width and height of the images, pixels.
+        Width and height of the images, pixels; (0, 0), the default, where they are not known.
     """
 
     def __init__(self, message: str, size: tuple[int, int] = (0, 0)) -> None:
