@@ -20,6 +20,9 @@ FRAMES = 45
 def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """One demo for all: its folder and what it prints."""
     folder = tmp_path_factory.mktemp("demo")
+    for name in ("report.html", "mine.html"):
+        (folder / name).write_text("of a run before")
+    (folder / "summary.json").write_text('{"edvo": "1", "more_files": ["report.html"]}')
     command = [sys.executable, "-c", "from edvo.cli import main; main()", "demo"]
     done = subprocess.run(
         [*command, "-o", str(folder), "--seconds", "1.5"],
@@ -44,6 +47,12 @@ def test_tracks_and_writes_what_run_writes(shown: tuple[Path, str]) -> None:
         errors.rpe.rmse, rel=1e-6
     )
     assert set(summary["measured"]) == {"depth_delay_s", "readout_s", "exposure_s"}
+
+
+def test_leaves_nothing_of_a_run_before(shown: tuple[Path, str]) -> None:
+    assert not (shown[0] / "report.html").exists()
+    assert (shown[0] / "mine.html").exists()
+    assert json.loads((shown[0] / "summary.json").read_text())["more_files"] == []
 
 
 def test_opencv_tracks_the_same_frames(shown: tuple[Path, str]) -> None:

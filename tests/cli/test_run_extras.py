@@ -16,6 +16,7 @@ import pytest
 
 from edvo import files
 from edvo.cli import run as run_module
+from edvo.cli.extras import Extras
 from edvo.export.registry import FILES
 from edvo.trajectory import Trajectory
 
@@ -386,11 +387,14 @@ def test_a_folder_used_again_holds_the_last_run_alone(
     (out / "mesh.ply").write_text("mine")
     done = edvo("run", sequence, "-o", out, "--max-frames", 5, "--export", "kitti")
     assert done.status == 0, done.err
+    gone = ["report.html", "edges.ply", *EXPORTED["colmap"]]
+    assert f"removed what is of an earlier run: {', '.join(gone)}\n" in done.err
     mine = {"colmap/mine.txt", "mesh.ply"}
     assert all_files(out) == {*RESULTS, *EXPORTED["kitti"], *mine}
     assert more_files(out) == EXPORTED["kitti"]
     before = (out / "kitti_poses.txt").read_bytes()
-    assert edvo("run", sequence, "-o", out, "--max-frames", 7, "--export", "kitti").status == 0
+    done = edvo("run", sequence, "-o", out, "--max-frames", 7, "--export", "kitti")
+    assert (done.status, "removed" in done.err) == (0, False)
     assert (out / "kitti_poses.txt").read_bytes() != before
     options = ("--export", "kitti", "--set", "edges.high=20000")
     assert edvo("run", sequence, "-o", out, "--max-frames", 5, *options).status == 1
@@ -407,6 +411,41 @@ def test_an_interrupted_run_leaves_nothing_of_the_one_before(
     assert done.status == 130
     assert all_files(tmp_path) == {*RESULTS, "edges.ply"}
     assert more_files(tmp_path) == ["edges.ply"]
+
+
+def test_files_are_named_before_they_are_there_and_removed_after(
+    edvo: Command, whole_sequence: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert edvo("run", whole_sequence, "-o", tmp_path, "--max-frames", 5, *KINDS).status == 0
+
+    def killed(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    (tmp_path / "kitti_times.txt").write_text("mine")
+    wanted = ("--max-frames", 5, "--export", "kitti", "--export", "edges")
+    with monkeypatch.context() as patched:
+        patched.setattr(Extras, "write", killed)
+        assert edvo("run", whole_sequence, "-o", tmp_path, *wanted).status != 0
+    before = ["report.html", "edges.ply", *EXPORTED["colmap"]]
+    assert more_files(tmp_path) == [*before, "kitti_poses.txt"]
+    assert all_files(tmp_path) == {*RESULTS, *before, "kitti_times.txt"}
+    assert edvo("run", whole_sequence, "-o", tmp_path, *wanted).status == 0
+    assert all_files(tmp_path) == {*RESULTS, *EXPORTED["kitti"], "edges.ply"}
+    assert more_files(tmp_path) == [*EXPORTED["kitti"], "edges.ply"]
+
+
+def test_exports_are_named_though_a_result_could_not_be_written(
+    edvo: Command, whole_sequence: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = ("run", whole_sequence, "-o", tmp_path, "--max-frames", 5, "--export")
+    assert edvo(*run, "edges").status == 0
+    (tmp_path / "config.yaml").unlink()
+    (tmp_path / "config.yaml").mkdir()  # as if it came while it ran
+    (tmp_path / "euroc.csv").write_text("mine")
+    monkeypatch.setattr(files, "_check_place", lambda folder, name: None)
+    assert edvo(*run, "euroc").status == 1
+    assert (tmp_path / "edges.ply").exists()
+    assert more_files(tmp_path) == ["edges.ply", "euroc.csv"]
 
 
 @pytest.mark.parametrize("files", [0, 1, 3])

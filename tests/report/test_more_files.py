@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 
 from edvo.errors import OutputError
-from edvo.report.more_files import more_files, name_file, remove_more
+from edvo.report import more_files as more_files_module
+from edvo.report.more_files import more_files, name_files, names_to_be, settle
 
 
 def summary(folder: Path, **values: Any) -> None:
@@ -24,10 +25,11 @@ def test_what_is_named_is_removed(tmp_path: Path) -> None:
     for name in ("a.ply", "colmap/b.txt", "both/c.txt", "both/mine.txt", "mine.ply"):
         (tmp_path / name).write_text(name)
     summary(tmp_path, frames=3)
-    for name in ("a.ply", "colmap/b.txt", "both/c.txt", "a.ply"):
-        name_file(tmp_path, name)
+    name_files(tmp_path, ["a.ply", "colmap/b.txt", "both/c.txt", "a.ply"])
     assert more_files(tmp_path) == ["a.ply", "colmap/b.txt", "both/c.txt"]
-    remove_more(tmp_path, keep=())
+    removed: list[str] = []
+    settle(tmp_path, (), on_removed=removed.append)
+    assert removed == ["a.ply", "colmap/b.txt", "both/c.txt"]
     assert files(tmp_path) == {"both/mine.txt", "mine.ply", "summary.json"}
     assert not (tmp_path / "colmap").exists()
     told = json.loads((tmp_path / "summary.json").read_text())
@@ -41,13 +43,15 @@ def test_nothing_outside_of_the_folder_is_touched(tmp_path: Path) -> None:
     (outside / "mine.txt").write_text("mine")
     (folder / "linked").symlink_to(outside)
     (folder / "link.ply").symlink_to(outside / "mine.txt")
+    (folder / "loop").symlink_to("loop")
     names = ["../outside/mine.txt", str(outside / "mine.txt"), "linked/mine.txt", "a folder"]
     more = ["./trajectory.txt", "no such", "", ".", "/", "nul\0", "x" * 5000, "link.ply", "linked"]
+    more += ["loop", "loop/a.txt"]
     (folder / "trajectory.txt").write_text("new")
     summary(folder, more_files=[*names, *more])
-    remove_more(folder, keep=["trajectory.txt"])
+    settle(folder, ["trajectory.txt"])
     assert (outside / "mine.txt").read_text() == "mine"
-    assert files(folder) == {"trajectory.txt", "summary.json", "link.ply"}
+    assert files(folder) == {"trajectory.txt", "summary.json", "link.ply", "loop"}
     assert (folder / "linked").is_symlink()
     assert (folder / "a folder").is_dir()
     assert more_files(folder) == []
@@ -68,7 +72,7 @@ def test_nothing_outside_of_the_folder_is_touched(tmp_path: Path) -> None:
 def test_what_is_no_summary_of_ours_names_nothing(tmp_path: Path, text: str) -> None:
     (tmp_path / "summary.json").write_text(text)
     (tmp_path / "mine.txt").write_text("mine")
-    remove_more(tmp_path, keep=())
+    settle(tmp_path, ())
     assert (tmp_path / "mine.txt").exists()
     assert (tmp_path / "summary.json").read_text() == text
 
@@ -90,6 +94,25 @@ def test_what_cannot_be_removed_stays_named(
     with pytest.raises(
         OutputError, match=r"cannot remove .*a\.ply, which is of an earlier run: Op"
     ):
-        remove_more(tmp_path, keep=())
+        settle(tmp_path, ())
     assert more_files(tmp_path) == ["a.ply"]
     assert files(tmp_path) == {"a.ply", "summary.json"}
+    monkeypatch.setattr(more_files_module, "write_atomically", full)
+    summary(tmp_path, more_files=["a.ply", "b.ply"])
+    with pytest.raises(OutputError, match=r"cannot remove .*a\.ply"):  # and not the second
+        settle(tmp_path, ())
+
+
+def full(path: Path, content: bytes | str) -> None:
+    raise OutputError(f"cannot write {path}")
+
+
+def test_what_is_written_stays_and_is_named(tmp_path: Path) -> None:
+    for name in ("a.ply", "b.ply", "c.ply", "d.ply"):
+        (tmp_path / name).write_text(name)
+    summary(tmp_path, more_files=["a.ply", "b.ply"])
+    # A file that edvo did not write is no business of the next run till it is overwritten.
+    assert names_to_be(tmp_path, ["b.ply", "c.ply", "e.ply"]) == ["a.ply", "b.ply", "e.ply"]
+    settle(tmp_path, (), ["b.ply", "c.ply"])
+    assert files(tmp_path) == {"b.ply", "c.ply", "d.ply", "summary.json"}
+    assert more_files(tmp_path) == ["b.ply", "c.ply"]

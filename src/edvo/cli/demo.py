@@ -11,6 +11,7 @@ from edvo.camera import Camera
 from edvo.cli.compiling import compile_now
 from edvo.cli.configuration import configure
 from edvo.cli.interrupt import stop_on_interrupt
+from edvo.cli.run import remove_earlier
 from edvo.cli.scores import score_table, speed_line
 from edvo.cli.terminal import note, progress, say
 from edvo.clock import StageClock
@@ -76,6 +77,7 @@ def demo(out: Path, *, scene: str, seconds: float, preset: str | None, seed: int
     picture = picture_of(runs[EDVO], edvo.sights, truth, scores[EDVO], config)
     draw_scenes(folder / PICTURE, [picture], title=title)
     draw_film(folder / ANIMATION, film_of(runs, scores, edvo.sights, truth, config))
+    remove_earlier(folder)
     say()
     files = f"{folder / ANIMATION}, {PICTURE} and {TRAJECTORY}"
     say(f"wrote {files} ({time.perf_counter() - begin:.0f} s)")

@@ -1,7 +1,6 @@
 """What `edvo run` writes beyond its results where it is asked to: the report and the exports."""
 
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 
 from edvo.config import Config
@@ -9,7 +8,6 @@ from edvo.evaluation import Evaluation
 from edvo.export.edge_map import EdgeMap
 from edvo.files import Unwritten, write_atomically
 from edvo.odometry import Odometry, Status
-from edvo.report.more_files import name_file
 from edvo.report.tracking import Run
 from edvo.report.watch import Watch
 
@@ -109,7 +107,7 @@ class Extras:
         watch : Watch
             What tracked it.
         folder : pathlib.Path
-            Where to; it holds the results of the run, and its summary names what is written.
+            Where to; it holds the results of the run.
 
         Raises
         ------
@@ -125,15 +123,11 @@ class Extras:
             html = page(run, config, errors, watch, self._map.points(), warnings)
             with unwritten.noted():
                 write_atomically(folder / PAGE, html)
-                self._note(folder, PAGE)
+                self.written.append(PAGE)
         if self.exports:
             with unwritten.noted():
                 self._export(run, indices, folder)
         unwritten.check()
-
-    def _note(self, folder: Path, name: str) -> None:
-        self.written.append(name)
-        name_file(folder, name)
 
     def _export(self, run: Run, indices: Sequence[int], folder: Path) -> None:
         from edvo.export.registry import Material, export
@@ -147,4 +141,4 @@ class Extras:
                 index_at.setdefault(record.timestamp, index)
         posed = [index_at[time] for time in trajectory.timestamps.tolist()]
         material = Material(run.source, posed, trajectory, self._map.points())
-        export(self.exports, material, folder, partial(self._note, folder))
+        export(self.exports, material, folder, self.written.append)

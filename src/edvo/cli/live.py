@@ -12,7 +12,7 @@ import cv2
 from edvo.cli.compiling import compile_now
 from edvo.cli.configuration import configure
 from edvo.cli.interrupt import stop_on_interrupt
-from edvo.cli.run import errors_of, tell, tell_files
+from edvo.cli.run import errors_of, remove_earlier, tell, tell_files
 from edvo.cli.terminal import note, say, status_line
 from edvo.cli.view import View
 from edvo.clock import StageClock
@@ -71,6 +71,7 @@ def live(
             unwritten = Unwritten()
             with unwritten.noted():
                 write_results(done, folder, config, errors)
+                remove_earlier(folder)
             total = len(done.frames) + done.dropped
             note(f"dropped {done.dropped} of {total} frames to keep up with the camera")
             with unwritten.noted():

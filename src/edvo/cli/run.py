@@ -1,5 +1,6 @@
 """`edvo run`."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -20,6 +21,7 @@ from edvo.errors import DatasetError, EvaluationError
 from edvo.evaluation import Evaluation, evaluate
 from edvo.files import Unwritten, output_folder
 from edvo.odometry import Odometry, Status
+from edvo.report.more_files import more_files, name_files, settle
 from edvo.report.results import FRAMES, RESULTS, TRAJECTORY, write_results
 from edvo.report.tracking import FrameRecord, Run, choose_frames, track_source
 from edvo.report.viewer_tracker import Shown
@@ -86,13 +88,19 @@ def run(
         errors = errors_of(done)
         unwritten = Unwritten()
         with unwritten.noted():
-            write_results(done, folder, config, errors)
+            write_results(done, folder, config, errors, extras.files())
+        whole = not unwritten.any
         with unwritten.noted():
             tell(done, errors)
-            if not unwritten.any:
+            if whole:
                 tell_files(folder)
         with unwritten.noted():
             extras.write(done, indices, config, errors, watch, folder)
+        with unwritten.noted():
+            if whole:
+                remove_earlier(folder, extras.written)
+            else:  # then nothing is removed
+                name_files(folder, [*more_files(folder), *extras.written])
         with unwritten.noted():
             if extras.written:
                 say(f"wrote {', '.join(extras.written)}")
@@ -146,3 +154,13 @@ def tell(run: Run, errors: Evaluation | None) -> None:
 def tell_files(folder: Path) -> None:
     """Print where the results of a run are."""
     say(f"wrote {folder / TRAJECTORY}, frames.csv, summary.json, config.yaml")
+
+
+def remove_earlier(folder: Path, written: Sequence[str] = ()) -> None:
+    """Remove what only an earlier run wrote beside its results, and say so."""
+    removed: list[str] = []
+    try:
+        settle(folder, RESULTS, written, removed.append)
+    finally:
+        if removed:
+            note(f"removed what is of an earlier run: {', '.join(removed)}")

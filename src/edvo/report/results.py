@@ -19,7 +19,7 @@ from edvo.config import Config
 from edvo.evaluation import Evaluation
 from edvo.files import Unwritten, write_atomically
 from edvo.odometry import Status
-from edvo.report.more_files import MORE_FILES, SUMMARY, more_files, remove_more
+from edvo.report.more_files import MORE_FILES, SUMMARY, names_to_be
 from edvo.report.tracking import FrameRecord, Run
 
 TRAJECTORY = "trajectory.txt"
@@ -34,11 +34,16 @@ _COVARIANCE_COLUMNS = tuple(f"cov_{_TWIST[i]}_{_TWIST[j]}" for i, j in zip(*_UPP
 
 
 def write_results(
-    run: Run, folder: Path, config: Config, evaluation: Evaluation | None = None
+    run: Run,
+    folder: Path,
+    config: Config,
+    evaluation: Evaluation | None = None,
+    more: Sequence[str] = (),
 ) -> None:
     """Write all the files of a run, each whole or not at all, the summary last.
 
-    Once they are all there, what an earlier run wrote beside its own is removed from the folder.
+    What an earlier run wrote beside its own stays, and named: `edvo.report.more_files.settle` is
+    for when all is written.
 
     Parameters
     ----------
@@ -50,14 +55,16 @@ def write_results(
         The parameters it was tracked with.
     evaluation : Evaluation, optional
         Its errors, for the summary.
+    more : sequence of str
+        What will be written beside them, relative to the folder, for the summary.
 
     Raises
     ------
     OutputError
-        If a file cannot be written, the others are; or if an earlier run's cannot be removed.
+        If a file cannot be written; the others are.
     """
     unwritten = Unwritten()
-    earlier = more_files(folder)
+    names = names_to_be(folder, more)
     with unwritten.noted():
         run.trajectory().write(folder / TRAJECTORY)
     with unwritten.noted():
@@ -65,11 +72,9 @@ def write_results(
     with unwritten.noted():
         config.to_yaml(folder / CONFIG)
     with unwritten.noted():
-        # Named till they are gone, lest an interruption leaves some that nobody knows of.
-        summary = {**summarise(run, config, evaluation), MORE_FILES: earlier}
+        summary = {**summarise(run, config, evaluation), MORE_FILES: names}
         write_atomically(folder / SUMMARY, json.dumps(summary, indent=2) + "\n")
     unwritten.check()
-    remove_more(folder, keep=RESULTS)
 
 
 def frames_csv(frames: Sequence[FrameRecord]) -> str:
