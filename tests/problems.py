@@ -14,8 +14,9 @@ from edvo.frame import Frame
 from edvo.report.warmup import warm_up
 from edvo.synthesis.sequence import SyntheticSource, make_recipe
 
-CAMERA = Camera(width=320, height=240, fx=262.5, fy=262.5, cx=159.5, cy=119.5)
-VGA = Camera(width=640, height=480, fx=525.0, fy=525.0, cx=319.5, cy=239.5)
+# Depth in fifths of a millimetre, as in TUM files
+CAMERA = Camera(320, 240, fx=262.5, fy=262.5, cx=159.5, cy=119.5, depth_scale=5000.0)
+VGA = Camera(640, 480, fx=525.0, fy=525.0, cx=319.5, cy=239.5, depth_scale=5000.0)
 # A Kinect v1's, whose lens bends the corners by tens of pixels.
 LENS = Camera(
     width=640,
@@ -25,6 +26,7 @@ LENS = Camera(
     cx=318.6,
     cy=255.3,
     distortion=(0.26, -0.95, -0.0054, 0.0026, 1.16),
+    depth_scale=5000.0,
 )
 
 

@@ -22,7 +22,7 @@ from edvo.synthesis.relighting import Relighter, RelitSource, relight
 from edvo.synthesis.surface import estimate_surface
 
 CAMERA = Camera(width=640, height=480, fx=535.4, fy=539.2, cx=320.1, cy=247.6)
-SMALL = Camera(width=160, height=120, fx=133.0, fy=134.0, cx=79.6, cy=61.5)
+SMALL = Camera(160, 120, fx=133.0, fy=134.0, cx=79.6, cy=61.5, depth_scale=5000.0)
 ALL = [*LIGHT_MODELS, "ambient+diffuse", "flicker+fade"]
 
 
