@@ -159,6 +159,7 @@ BAD_FRAMES: list[tuple[Any, Any, Any, str]] = [
     (None, GREY, DEPTH, "timestamp is None"),
     ("1.5", GREY, DEPTH, "timestamp is '1.5'; give finite seconds"),
     (True, GREY, DEPTH, "timestamp is True"),
+    (np.complex128(1), GREY, DEPTH, "timestamp is "),
     (np.array("1.5"), GREY, DEPTH, "timestamp is .*1.5"),
     (np.array(True), GREY, DEPTH, "timestamp is "),
     (np.datetime64(1, "ns"), GREY, DEPTH, "timestamp is .*datetime64"),

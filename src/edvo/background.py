@@ -49,7 +49,7 @@ NEARNESS = np.array([0.0, 0.25, 0.5, 0.7, 0.85, 1.0])  # inverse depths, of that
 BLOCKS, SPREAD = 4, 1  # to the width of the image, each about as far as all, by so many of these
 AS_GOOD = 0.9  # of the best fit
 
-# Registers a frame with the keyframe of the course, from a T_key_cur
+# Registers a frame with the keyframe of the course, from a T_key_cur, shape (4, 4)
 Align: TypeAlias = Callable[[Seen, NDArray[np.float64]], Alignment]
 
 
@@ -102,7 +102,10 @@ class _Far:
 
 @dataclass(frozen=True, slots=True)
 class _View:
-    """A frame, what it is held against (a keyframe, other images, far edges), and how."""
+    """A frame, what it is held against, and how what is left of it is registered.
+
+    That is a keyframe, other images (pose, planes), and far edges.
+    """
 
     key: Keyframe
     seen: Seen

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from edvo import se3
 from edvo.camera import Camera
 from edvo.errors import FrameError, NoDepthError
+from edvo.numeric import NO_NUMBERS
 
 _GREY_CODES = {
     ("bgr", 3): cv2.COLOR_BGR2GRAY,
@@ -31,8 +32,6 @@ _GREY_CODES = {
 # otherwise cover all of it.
 _LARGEST_FOOTPRINT = 16
 LEAST_SCALE = 1e-3  # by less the largest depth value would be 65,000 km
-# What float() takes, though it is no number of seconds or metres
-_NO_NUMBERS = (bool, np.bool_, str, bytes, np.datetime64, np.timedelta64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -231,7 +230,7 @@ def _number(given: object) -> float:
     """What was given as one, or NaN."""
     if isinstance(given, np.ndarray) and not given.ndim:
         given = given[()]  # a scalar of its type
-    if isinstance(given, _NO_NUMBERS):
+    if isinstance(given, NO_NUMBERS):
         return math.nan
     try:
         return float(given)  # type: ignore[arg-type]

@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 from edvo import se3
 from edvo.errors import TrajectoryError
 from edvo.files import write_atomically
+from edvo.numeric import NO_NUMBERS
 
 HEADER = "# timestamp tx ty tz qx qy qz qw"
 
 _ROTATION_TOLERANCE = 1e-6
-_NO_NUMBERS = (str, bytes, bool, np.bool_, np.datetime64, np.timedelta64, np.complexfloating)
 
 
 @dataclass(frozen=True, eq=False)
@@ -389,7 +389,7 @@ def _numbers(name: str, given: ArrayLike) -> NDArray[np.float64]:
     try:
         array = np.asarray(given)
         kinds = {type(each) for each in array.flat} if array.dtype == object else {array.dtype.type}
-        wrong = [kind.__name__ for kind in kinds if issubclass(kind, _NO_NUMBERS)]
+        wrong = [kind.__name__ for kind in kinds if issubclass(kind, NO_NUMBERS)]
         if wrong and array.size:
             raise TrajectoryError(f"{name} are no array of numbers but of {wrong[0]}; {mend}")
         return np.array(array, dtype=np.float64)

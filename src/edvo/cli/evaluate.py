@@ -32,7 +32,7 @@ def evaluate(
         say(json.dumps(errors.to_dict(), indent=2))
     else:
         say(score_table({estimate.name: errors}))
-        for line in errors.notes[asked_in_vain:]:  # the first one is said last
+        for line in errors.notes[1:] if asked_in_vain else errors.notes:  # the first is last
             note(line)
     if plot is not None:
         from edvo.report.plots import draw_evaluation

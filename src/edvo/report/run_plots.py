@@ -15,7 +15,20 @@ from edvo.report.plots import ESTIMATE_COLOUR, MOTION_COLOUR, TRUTH_COLOUR, draw
 from edvo.report.tracking import FrameRecord, Run
 
 STATUS_COLOURS = {Status.TRACKED: "#2a9d8f", Status.DEGRADED: "#f4a261", Status.LOST: "#d1495b"}
-STAGE_COLOURS = ("#00798c", "#edae49", "#66a182", "#d1495b", "#8d6a9f", "#2e4057", "#a0a0a0")
+# For as many stages as there may be
+STAGE_COLOURS = [
+    "#00798c",
+    "#edae49",
+    "#66a182",
+    "#d1495b",
+    "#8d6a9f",
+    "#2e4057",
+    "#a0a0a0",
+    "#6ec1e4",
+    "#8c5a3c",
+    "#e0a3c0",
+    "#b5bd4c",
+]
 
 _MOST_COLUMNS = 800  # about what the picture has; a long run has more frames
 _RANKS = list(STATUS_COLOURS)
