@@ -641,7 +641,9 @@ class StatusConfig(Section):
         "by more than 1.5 times its noise, below which it is degraded; and what follows a keyframe "
         "made of such a frame, or of one whose edges scatter by more than 0.75 px, depth being "
         "off: how well both fit as a rule is not known yet, and whoever walks by may fill the "
-        "view. 0 asks neither. Not in the paper",
+        "view. Where seven tenths agree, and depth is off by more than max_depth_sigma and "
+        "leads elsewhere than edges, something moves (with max_conflict). 0 asks none of it. Not "
+        "in the paper",
     )
     edge_jump: NotNegative = Field(
         default=2.5,

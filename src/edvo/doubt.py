@@ -87,6 +87,18 @@ class Doubt:
         """
         self._time, self.reason = timestamp, reason
 
+    def see_motion(self, timestamp: float, reason: str) -> None:
+        """Cast doubt on what follows, since something moves by itself.
+
+        Parameters
+        ----------
+        timestamp : float
+            Seconds.
+        reason : str
+        """
+        self.moving_time = timestamp
+        self.cast(timestamp, reason)
+
     def lasts(self, timestamp: float) -> bool:
         """Whether something of late makes a pose no better than the way that led to it.
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edvo import kernels
+from edvo.apart import Apart
 from edvo.aside import Aside
 from edvo.assessing import Assessor
 from edvo.course import Course
@@ -77,6 +78,7 @@ class Locator:
         self._course, self._doubt = course, doubt
         self.registrar = registrar = Registrar(kit, course)
         self._aside = Aside(kit, registrar)
+        self._apart = Apart(kit, course, doubt, registrar)
         self.assessor = Assessor(kit, course, doubt)
         self.mender = Mender(kit, course, doubt, registrar, self.assessor)
 
@@ -100,6 +102,11 @@ class Locator:
             alignment = None if far else self._known(seen, starts)
             if alignment is None:
                 alignment = self.registrar.register(seen, starts, term, far=far)
+        with self._clock("search"):
+            apart = None if far else self._apart.look(seen, starts[0], term, alignment)
+        if apart is not None and apart is not alignment:
+            self.assessor.allow(apart)
+            return apart, Status.DEGRADED, self._doubt.reason
         is_off = self._is_off_planes if far else self._judge.may_be_off
         is_lost, led = self.assessor.is_lost, None
         if is_off(alignment):
