@@ -174,6 +174,22 @@ def test_what_something_else_has_led_to_is_registered_once_more(settled, monkeyp
         assert se3.distance(again.T_ref_cur, first.T_ref_cur) < 1e-3
 
 
+@pytest.mark.parametrize("share", [0.45, 0.9])
+def test_where_depth_is_worse_only_what_is_in_doubt_is_left_for_what_is_not(settled, share):
+    """As where a camera is knocked and its depth is late."""
+    locator, (seen, term, first, worse) = settled[0]._locator, registered(settled)
+    found = replace(
+        worse,
+        agreeing=int(share * len(first.matches)),
+        plane_points=2 * first.plane_points,
+        plane_inliers=2 * first.plane_inliers,
+    )
+    assert not scatter.is_sharper(first, found)
+    status = locator.assessor.assess(found, seen.frame.timestamp)[0]
+    assert (status is Status.TRACKED) == (share > 0.5)
+    assert (locator._once_more(seen, term, first, found) is found) == (share > 0.5)
+
+
 def test_what_is_tracked_is_not_left_for_what_is_not(settled, monkeypatch):
     """However sharp it is."""
     locator, (seen, term, first, worse) = settled[0]._locator, registered(settled)

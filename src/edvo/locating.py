@@ -294,12 +294,21 @@ class Locator:
     def _once_more(
         self, seen: Seen, term: DepthTerm, first: Alignment, found: Alignment
     ) -> Alignment:
-        """Register by all that counts from where few samples, or another scale, have led."""
+        """Register by all that counts from where few samples, or another scale, have led.
+
+        Kept where that is clearly sharper, or beyond doubt where the other is not.
+        """
         if found is first or not len(seen.points.sigma):
             return found
         again = self.registrar.register(seen, found.T_ref_cur[None], term)
-        is_better = self.assessor.better(found, again, seen.frame.timestamp) is again
-        return again if is_better and is_sharper(again, found) else found
+        if self.assessor.better(found, again, seen.frame.timestamp) is found:
+            return found
+        # of one that moves at once depth is worse, where it is late, though the place is right
+        is_settled = self._is_doubtful(found, seen) and not self._is_doubtful(again, seen)
+        return again if is_settled or is_sharper(again, found) else found
+
+    def _is_doubtful(self, alignment: Alignment, seen: Seen) -> bool:
+        return self.assessor.assess(alignment, seen.frame.timestamp)[0] is not Status.TRACKED
 
     def _sharpest(
         self, seen: Seen, starts: NDArray[np.float64], term: DepthTerm, found: Alignment
