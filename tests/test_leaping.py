@@ -11,7 +11,7 @@ from edvo.assessing import LEAPT
 from edvo.clock import no_clock
 from edvo.config import Config
 from edvo.doubt import LEAPT_HERE
-from edvo.leaping import BORNE_OUT
+from edvo.leaping import BORNE_OUT, SLID
 from edvo.odometry import Status
 from edvo.placing import Placed, Way
 
@@ -129,6 +129,62 @@ def test_no_motion_may_be_left_open(leapt, monkeypatch):
     open_ways = np.eye(6)[:1]
     monkeypatch.setattr(leaping, "degenerate_directions", lambda covariance: open_ways)
     assert not odometry._placer._leaping.excuse(seen, found, LEAPT)
+
+
+@pytest.fixture(scope="module")
+def bare():
+    """A camera that begins before a plain wall, which does not say how far it goes along."""
+    return rooms.stretch(348, 5)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_slides_along_what_nothing_constrains_is_not_lost(bare, seed):
+    _, results = rooms.tracked(bare, f"seed={seed}")
+    assert results[3].reason == LEAPT + SLID
+    assert results[3].degenerate
+    assert not any(result.status is Status.LOST for result in results)
+    off = [se3.distance(T, each.T_world_cam) for T, each in zip(bare[2], results, strict=True)]
+    assert max(off) < 0.04  # it went on as it was going: the registration was twice as far away
+    lost = rooms.tracked(bare, f"seed={seed}", LOST)[1][3]
+    assert (lost.status, lost.reason) == (Status.LOST, LEAPT)
+
+
+def slid(leapt, monkeypatch, ways):
+    """What is said of a leap if nothing constrains these motions of it, by a function."""
+    odometry, seen, found = leapt
+    T_world_cur = odometry._course.key.T_world_key @ found.T_ref_cur
+    T_world_expected = odometry._course.expected(seen.frame.timestamp)
+    leap = se3.log(se3.inverse(T_world_expected) @ T_world_cur)
+    monkeypatch.setattr(leaping, "degenerate_directions", lambda covariance: ways(leap))
+    return odometry._placer._leaping.slides(seen, found, LEAPT)
+
+
+def across(leap):
+    """A translation at right angles to that of a leap."""
+    way = np.zeros(6)
+    way[:3] = np.cross(leap[:3], [0.6, 0.8, 0.0])
+    return way[None]
+
+
+def along(leap):
+    """That of a leap, and another one."""
+    return np.stack([np.append(3 * leap[:3], np.zeros(3)), across(leap)[0] + 0.1 * leap])
+
+
+@pytest.mark.parametrize(
+    ("ways", "is_excused"),
+    [(along, True), (across, False), (lambda leap: np.empty((0, 6)), False)],
+)
+def test_only_what_leaps_along_an_open_motion_slides(leapt, monkeypatch, ways, is_excused):
+    assert slid(leapt, monkeypatch, ways) == (LEAPT + SLID if is_excused else "")
+
+
+def test_it_slides_but_for_a_leap_alone(leapt, monkeypatch):
+    odometry, seen, found = leapt
+    slides = odometry._placer._leaping.slides
+    assert slid(leapt, monkeypatch, along)
+    assert not slides(seen, found, "only 43% of the samples fit")
+    assert not slides(replace(seen, is_stale=True), found, LEAPT)
 
 
 @pytest.fixture

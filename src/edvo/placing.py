@@ -203,6 +203,8 @@ class Placer:
     def _save(self, lost: Placed, index: int) -> Placed:
         """Place a frame that is lost by what else may tell; the same where nothing does."""
         seen, alignment, reason = lost.seen, lost.alignment, lost.reason
+        if excuse := self._leaping.slides(seen, alignment, reason):
+            return lost._replace(status=Status.DEGRADED, reason=excuse)
         other = self._earlier.go_back(seen)
         if other is not None:
             return Placed(seen, other, Status.TRACKED, "", way=Way.EARLIER)
