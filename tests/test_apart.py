@@ -7,6 +7,7 @@ import pytest
 
 from edvo import se3
 from edvo.apart import LATE_S, REASON, SLACK_M, Apart
+from edvo.clock import no_clock
 from edvo.odometry import Odometry, Status
 
 from . import problems, rooms
@@ -71,6 +72,7 @@ def looked(second, off_m, speed, *, just_begun=True, **changes):
 
     class Kit:
         config, depth_alone, judge = odometry.config, odometry._depth_alone, odometry._judge
+        clock = staticmethod(no_clock)
 
     apart = Apart(Kit(), Asked(), Asked(), locator.registrar)
     again = apart.look(seen, start, term, found)

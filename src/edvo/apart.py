@@ -40,7 +40,7 @@ class Apart:
     def __init__(self, kit: Kit, course: Course, doubt: Doubt, registrar: Registrar) -> None:
         status = kit.config.status
         self._is_on = status.first_agreeing > 0 and status.max_conflict > 0
-        self._depth_alone, self._judge = kit.depth_alone, kit.judge
+        self._depth_alone, self._judge, self._clock = kit.depth_alone, kit.judge, kit.clock
         self._course, self._doubt, self._registrar = course, doubt, registrar
 
     def look(
@@ -69,21 +69,25 @@ class Apart:
         is_asked = self._is_on and self._judge.is_out_of_step(found)
         if not is_asked or not self._doubt.has_just_begun(timestamp):
             return None
-        key, points = self._course.key, seen.points
-        parts = key, seen.samples, points
-        begun = (found.T_ref_cur, start)
+        with self._clock("search"):
+            level = self._level(seen, start, found)
+            if level is None:
+                return None
+            self._doubt.see_motion(timestamp, REASON)
+            key, sharp_px = self._course.key, self._judge.scatter.sharp_px
+            again = self._registrar.register(seen, level.T_ref_cur[None], term, sharp_px)
+        return max((found, again), key=lambda each: agreement(each, key.planes, seen.points))
+
+    def _level(self, seen: Seen, start: NDArray[np.float64], found: Alignment) -> Alignment | None:
+        """Where depth alone leads, if that is elsewhere, and it leaves no motion open."""
+        course, parts = self._course, (self._course.key, seen.samples, seen.points)
+        begun = found.T_ref_cur, start
         levels = [self._depth_alone.align(*parts, T_key_cur) for T_key_cur in begun]
         level = max(levels, key=fitting_depth)
         T_key_level = level.T_ref_cur
-        step_m = se3.distance(self._course.T_key_last, found.T_ref_cur)
-        late_m = LATE_S * step_m / self._course.period(timestamp)
+        step_m = se3.distance(course.T_key_last, found.T_ref_cur)
+        late_m = LATE_S * step_m / course.period(seen.frame.timestamp)
         if se3.distance(found.T_ref_cur, T_key_level) < SLACK_M + late_m:
             return None
         own = in_current_camera(self._depth_alone.covariance(*parts, level), T_key_level)
-        if len(degenerate_directions(own)):
-            return None
-        self._doubt.see_motion(timestamp, REASON)
-        again = self._registrar.register(
-            seen, T_key_level[None], term, self._judge.scatter.sharp_px
-        )
-        return max((found, again), key=lambda each: agreement(each, key.planes, points))
+        return None if len(degenerate_directions(own)) else level

@@ -726,8 +726,8 @@ class StatusConfig(Section):
         description="a frame that follows closely, and is farther from where it was expected than "
         "a hand moves a camera (edge_jump): it is degraded if, of what it and its keyframe have in "
         "view, eight tenths fit, one way times the other, nothing beside it fits as well, and no "
-        "motion is left open, or if it leaps along what nothing constrains alone; or it is lost. "
-        "Needs motion.search_deg. Not in the paper",
+        "motion is left open, or if it leaps along what nothing constrains alone (with "
+        "motion.inertia); or it is lost. Needs motion.search_deg. Not in the paper",
     )
     just_lost: Literal["by-faint-edges", "as-any"] = Field(
         default="by-faint-edges",

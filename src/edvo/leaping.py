@@ -40,6 +40,7 @@ class Leaping:
         self._uncertainty, self._fitter = kit.uncertainty, kit.fitter
         rule = kit.config
         self._is_on = rule.status.leaps == "asked" and rule.motion.search_deg > 0
+        self._is_held = rule.motion.inertia == "loose" and rule.status.covariance != "none"
 
     def slides(self, seen: Seen, found: Alignment, reason: str) -> str:
         """Say why a frame that is lost for a leap is only degraded: it slid, else it is near.
@@ -54,9 +55,10 @@ class Leaping:
         Returns
         -------
         str
-            Empty where it is lost: for another reason, or what is constrained leaps, too.
+            Empty where it is lost: for another reason, or what is constrained leaps, too, or
+            nothing would hold it there (``motion.inertia``).
         """
-        if not self._may_excuse(seen, found, reason):
+        if not self._is_held or not self._may_excuse(seen, found, reason):
             return ""
         ways, timestamp = self._open_ways(seen, found), seen.frame.timestamp
         if not len(ways):

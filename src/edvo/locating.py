@@ -102,8 +102,7 @@ class Locator:
             alignment = None if far else self._known(seen, starts)
             if alignment is None:
                 alignment = self.registrar.register(seen, starts, term, far=far)
-        with self._clock("search"):
-            apart = None if far else self._apart.look(seen, starts[0], term, alignment)
+        apart = None if far else self._apart.look(seen, starts[0], term, alignment)
         if apart is not None and apart is not alignment:
             self.assessor.allow(apart)
             return apart, Status.DEGRADED, self._doubt.reason
@@ -308,6 +307,7 @@ class Locator:
         return again if is_settled or is_sharper(again, found) else found
 
     def _is_doubtful(self, alignment: Alignment, seen: Seen) -> bool:
+        """Whether a registration is not tracked."""
         return self.assessor.assess(alignment, seen.frame.timestamp)[0] is not Status.TRACKED
 
     def _sharpest(
