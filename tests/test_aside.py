@@ -174,8 +174,12 @@ def test_what_something_else_has_led_to_is_registered_once_more(settled, monkeyp
         assert se3.distance(again.T_ref_cur, first.T_ref_cur) < 1e-3
 
 
-@pytest.mark.parametrize("share", [0.45, 0.9])
-def test_where_depth_is_worse_only_what_is_in_doubt_is_left_for_what_is_not(settled, share):
+@pytest.mark.parametrize(
+    ("share", "is_sure", "is_left"), [(0.45, True, True), (0.45, False, False), (0.9, True, False)]
+)
+def test_where_depth_is_worse_only_what_is_in_doubt_is_left_for_what_is_not(
+    settled, monkeypatch, share, is_sure, is_left
+):
     """As where a camera is knocked and its depth is late."""
     locator, (seen, term, first, worse) = settled[0]._locator, registered(settled)
     found = replace(
@@ -187,7 +191,14 @@ def test_where_depth_is_worse_only_what_is_in_doubt_is_left_for_what_is_not(sett
     assert not scatter.is_sharper(first, found)
     status = locator.assessor.assess(found, seen.frame.timestamp)[0]
     assert (status is Status.TRACKED) == (share > 0.5)
-    assert (locator._once_more(seen, term, first, found) is found) == (share > 0.5)
+    register = locator.registrar.register
+
+    def unsure(*given, **more):
+        again = register(*given, **more)
+        return again if is_sure else replace(again, agreeing=int(0.48 * len(again.matches)))
+
+    monkeypatch.setattr(locator.registrar, "register", unsure)
+    assert (locator._once_more(seen, term, first, found) is not found) == is_left
 
 
 def test_what_is_tracked_is_not_left_for_what_is_not(settled, monkeypatch):

@@ -180,7 +180,19 @@ def test_only_what_leaps_along_an_open_motion_slides(leapt, monkeypatch, ways, i
     assert slid(leapt, monkeypatch, ways) == (LEAPT + SLID if is_excused else "")
 
 
-def test_it_slides_but_for_a_leap_alone(leapt, monkeypatch):
+def test_what_is_open_is_told_in_the_camera_of_the_frame(leapt, monkeypatch):
+    """Which is turned by a quarter: what is open to the right of the keyframe is up or down."""
+    odometry, seen, found = leapt
+    wide = np.eye(6) * 1e-8
+    wide[0, 0] = 1.0
+    quarter = se3.exp(np.array([0, 0, 0, 0, 0, np.pi / 2]))
+    monkeypatch.setattr(odometry._uncertainty, "covariance", lambda *given: wide)
+    turned = replace(found, T_ref_cur=quarter)
+    (way,) = odometry._placer._leaping._open_ways(seen, turned)
+    np.testing.assert_allclose(np.abs(way), [0, 1, 0, 0, 0, 0], atol=1e-6)
+
+
+def test_only_a_leap_is_called_a_slide(leapt, monkeypatch):
     odometry, seen, found = leapt
     slides = odometry._placer._leaping.slides
     assert slid(leapt, monkeypatch, along)

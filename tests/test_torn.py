@@ -368,7 +368,7 @@ def test_of_two_levels_the_one_that_more_of_depth_fits_is_begun_from(located, mo
 
     monkeypatch.setattr(odometry._locator._depth_alone, "align", level)
     monkeypatch.setattr(odometry._locator.registrar, "register", register)
-    monkeypatch.setattr("edvo.locating.degenerate_directions", lambda covariance: np.eye(6)[:0])
+    monkeypatch.setattr("edvo.depth_alone.degenerate_directions", lambda covariance: np.eye(6)[:0])
     term = odometry._fitter.term
     again = odometry._locator._by_outvoted_depth(seen, start, term, found)
     assert again.plane_inliers == 2 * found.plane_inliers
@@ -380,7 +380,7 @@ def test_of_two_levels_the_one_that_more_of_depth_fits_is_begun_from(located, mo
     with monkeypatch.context() as patch:
         patch.setattr(odometry._locator.assessor, "is_lost", lambda *given: True)
         assert odometry._locator._by_outvoted_depth(seen, start, term, found) is None
-    monkeypatch.setattr("edvo.locating.degenerate_directions", lambda covariance: np.eye(6)[:1])
+    monkeypatch.setattr("edvo.depth_alone.degenerate_directions", lambda covariance: np.eye(6)[:1])
     assert odometry._locator._by_outvoted_depth(seen, start, term, found) is None
 
 

@@ -15,14 +15,12 @@ from edvo.kit import Kit
 from edvo.planes import DepthTerm
 from edvo.registrar import Registrar
 from edvo.registration import Alignment
-from edvo.scatter import fitting_depth
 from edvo.seen import Seen
 from edvo.status import agreement
-from edvo.uncertainty import degenerate_directions, in_current_camera
 
-LATE_S = 0.03  # that depth or a row is late by, at most
+LATE_S = 0.03  # that depth or a row is late by as a rule, which leads aside by as much motion
 SLACK_M = 0.02  # as far as poses by either scatter
-REASON = "just begun, and edges and depth lead apart: something moves"
+LEAD_APART = "just begun, and edges and depth lead apart: something moves"
 
 
 class Apart:
@@ -45,7 +43,7 @@ class Apart:
 
     def look(
         self, seen: Seen, start: NDArray[np.float64], term: DepthTerm, found: Alignment
-    ) -> Alignment | None:
+    ) -> Alignment:
         """Register a frame from where depth leads, if that is far from where edges do.
 
         Parameters
@@ -61,33 +59,27 @@ class Apart:
 
         Returns
         -------
-        Alignment or None
-            ``found`` where edges and depth agree on it more; None where they do not lead apart, or
-            depth leaves a motion open, or it is not asked: later, or where either fits.
+        Alignment
+            ``found`` where edges and depth agree on it more, or do not lead apart, or depth leaves
+            a motion open; and where none of it is asked: later than in the first second, or if
+            edges do not agree as a whole, or depth fits.
         """
         timestamp = seen.frame.timestamp
         is_asked = self._is_on and self._judge.is_out_of_step(found)
         if not is_asked or not self._doubt.has_just_begun(timestamp):
-            return None
+            return found
+        course, points = self._course, seen.points
         with self._clock("search"):
-            level = self._level(seen, start, found)
+            begun = found.T_ref_cur, start
+            level = self._depth_alone.lead(course.key, seen.samples, points, begun)
             if level is None:
-                return None
-            self._doubt.see_motion(timestamp, REASON)
-            key, sharp_px = self._course.key, self._judge.scatter.sharp_px
-            again = self._registrar.register(seen, level.T_ref_cur[None], term, sharp_px)
-        return max((found, again), key=lambda each: agreement(each, key.planes, seen.points))
-
-    def _level(self, seen: Seen, start: NDArray[np.float64], found: Alignment) -> Alignment | None:
-        """Where depth alone leads, if that is elsewhere, and it leaves no motion open."""
-        course, parts = self._course, (self._course.key, seen.samples, seen.points)
-        begun = found.T_ref_cur, start
-        levels = [self._depth_alone.align(*parts, T_key_cur) for T_key_cur in begun]
-        level = max(levels, key=fitting_depth)
-        T_key_level = level.T_ref_cur
-        step_m = se3.distance(course.T_key_last, found.T_ref_cur)
-        late_m = LATE_S * step_m / course.period(seen.frame.timestamp)
-        if se3.distance(found.T_ref_cur, T_key_level) < SLACK_M + late_m:
-            return None
-        own = in_current_camera(self._depth_alone.covariance(*parts, level), T_key_level)
-        return None if len(degenerate_directions(own)) else level
+                return found
+            step_m = se3.distance(course.T_key_last, found.T_ref_cur)
+            late_m = LATE_S * step_m / course.period(timestamp)
+            if se3.distance(found.T_ref_cur, level.T_ref_cur) < SLACK_M + late_m:
+                return found
+            self._doubt.see_motion(timestamp)
+            sharp_px = self._judge.scatter.sharp_px
+            there = level.T_ref_cur[None]  # not moved on from the last pose, which may be wrong
+            again = self._registrar.register(seen, there, term, sharp_px, at_once=True)
+        return max((found, again), key=lambda each: agreement(each, course.key.planes, points))

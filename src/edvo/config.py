@@ -726,7 +726,7 @@ class StatusConfig(Section):
         description="a frame that follows closely, and is farther from where it was expected than "
         "a hand moves a camera (edge_jump): it is degraded if, of what it and its keyframe have in "
         "view, eight tenths fit, one way times the other, nothing beside it fits as well, and no "
-        "motion is left open, or if it leaps along what nothing constrains alone (with "
+        "motion is left open, or if it only leaps along what nothing constrains (with "
         "motion.inertia); or it is lost. Needs motion.search_deg. Not in the paper",
     )
     just_lost: Literal["by-faint-edges", "as-any"] = Field(

@@ -5,6 +5,8 @@ says how far away the camera is and how it is tilted, the corner of a room says 
 what depth constrains is moved; in all else the camera stays where it was expected.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,7 +16,13 @@ from edvo.edges import EdgePixels
 from edvo.keyframes import Keyframe
 from edvo.planes import DepthTerm, PlanePoints, camera_of
 from edvo.registration import REASONS, Alignment
-from edvo.uncertainty import Uncertainty, constrained_directions, in_current_camera
+from edvo.scatter import fitting_depth
+from edvo.uncertainty import (
+    Uncertainty,
+    constrained_directions,
+    degenerate_directions,
+    in_current_camera,
+)
 
 # Least scales of the residuals, in units of the noise, one after the other. A plane that is alone
 # in saying something is not the median: from a bad start it must not be cut off as an outlier.
@@ -128,6 +136,31 @@ class DepthAlone:
         return self._uncertainty.covariance(
             key.edges, samples, key.planes, points, self._term, found
         )
+
+    def lead(
+        self,
+        key: Keyframe,
+        samples: EdgePixels,
+        points: PlanePoints,
+        starts: Sequence[NDArray[np.float64]],
+    ) -> Alignment | None:
+        """Find where depth leads from several starts, if it leaves no motion open there.
+
+        Parameters
+        ----------
+        key, samples, points
+            See `align`.
+        starts : sequence of ndarray of float64, shape (4, 4)
+
+        Returns
+        -------
+        Alignment or None
+            Of all that which most of depth fits.
+        """
+        parts = key, samples, points
+        level = max((self.align(*parts, T_key_cur) for T_key_cur in starts), key=fitting_depth)
+        own = in_current_camera(self.covariance(*parts, level), level.T_ref_cur)
+        return None if len(degenerate_directions(own)) else level
 
     def at(
         self,

@@ -87,17 +87,16 @@ class Doubt:
         """
         self._time, self.reason = timestamp, reason
 
-    def see_motion(self, timestamp: float, reason: str) -> None:
+    def see_motion(self, timestamp: float) -> None:
         """Cast doubt on what follows, since something moves by itself.
 
         Parameters
         ----------
         timestamp : float
             Seconds.
-        reason : str
         """
         self.moving_time = timestamp
-        self.cast(timestamp, reason)
+        self.cast(timestamp, MOVED)
 
     def lasts(self, timestamp: float) -> bool:
         """Whether something of late makes a pose no better than the way that led to it.

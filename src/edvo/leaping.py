@@ -17,14 +17,14 @@ from edvo.locating import Locator
 from edvo.registration import Alignment
 from edvo.scatter import SURE
 from edvo.seen import Seen
-from edvo.uncertainty import degenerate_directions, in_current_camera
+from edvo.uncertainty import BOUNDS, degenerate_directions, in_current_camera
 
 SLID = ", but along what nothing constrains"
 BORNE_OUT = ", but most of what both images have in view fits there, and nowhere beside"
 
 
 class Leaping:
-    """Excuses leaps that a frame bears out, or that are none but for what nothing constrains.
+    """Excuses leaps that a frame bears out, or that only slide along what nothing constrains.
 
     Parameters
     ----------
@@ -43,9 +43,9 @@ class Leaping:
         self._is_held = rule.motion.inertia == "loose" and rule.status.covariance != "none"
 
     def slides(self, seen: Seen, found: Alignment, reason: str) -> str:
-        """Say why a frame that is lost for a leap is only degraded: it slid, else it is near.
+        """Say why a frame is only degraded that leaps along what nothing constrains, and else not.
 
-        Along what nothing constrains it goes on as it was going; see `edvo.inertia`.
+        There the camera goes on as it was going; see `edvo.inertia`.
 
         Parameters
         ----------
@@ -66,7 +66,7 @@ class Leaping:
         T_world_cur = self._course.key.T_world_key @ found.T_ref_cur
         T_expected_cur = kernels.inverted(self._course.expected(timestamp)) @ T_world_cur
         leap = se3.log(T_expected_cur)
-        along = np.linalg.lstsq(ways.T, leap, rcond=None)[0]
+        along = np.linalg.lstsq((ways / BOUNDS).T, leap / BOUNDS, rcond=None)[0]
         rest_m = float(np.linalg.norm((leap - along @ ways)[:3]))
         return reason + SLID if rest_m <= self._assessor.limit(timestamp) else ""
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edvo import kernels
-from edvo.apart import Apart
+from edvo.apart import LEAD_APART, Apart
 from edvo.aside import Aside
 from edvo.assessing import Assessor
 from edvo.course import Course
@@ -20,10 +20,9 @@ from edvo.mending import Mender
 from edvo.planes import DepthTerm, thinned
 from edvo.registrar import Registrar
 from edvo.registration import FAILURES, Alignment
-from edvo.scatter import SURE, clarity, fitting_depth, is_clearer, is_sharper
+from edvo.scatter import SURE, clarity, is_clearer, is_sharper
 from edvo.seen import Seen
 from edvo.status import Status, agreement
-from edvo.uncertainty import degenerate_directions, in_current_camera
 
 FAR_STEP = "a far step: of what both see enough fits, and nothing else does"
 NOT_ALONE = "a far step, and beside where it led the edges fit as well"
@@ -102,10 +101,9 @@ class Locator:
             alignment = None if far else self._known(seen, starts)
             if alignment is None:
                 alignment = self.registrar.register(seen, starts, term, far=far)
-        apart = None if far else self._apart.look(seen, starts[0], term, alignment)
-        if apart is not None and apart is not alignment:
-            self.assessor.allow(apart)
-            return apart, Status.DEGRADED, self._doubt.reason
+        apart = alignment if far else self._apart.look(seen, starts[0], term, alignment)
+        if apart is not alignment and not self.assessor.is_impossible(apart, timestamp):
+            return apart, Status.DEGRADED, LEAD_APART  # however few agree: most are on what moves
         is_off = self._is_off_planes if far else self._judge.may_be_off
         is_lost, led = self.assessor.is_lost, None
         if is_off(alignment):
@@ -300,15 +298,12 @@ class Locator:
         if found is first or not len(seen.points.sigma):
             return found
         again = self.registrar.register(seen, found.T_ref_cur[None], term)
-        if self.assessor.better(found, again, seen.frame.timestamp) is found:
+        timestamp = seen.frame.timestamp
+        if self.assessor.better(found, again, timestamp) is found:
             return found
-        # of one that moves at once depth is worse, where it is late, though the place is right
-        is_settled = self._is_doubtful(found, seen) and not self._is_doubtful(again, seen)
-        return again if is_settled or is_sharper(again, found) else found
-
-    def _is_doubtful(self, alignment: Alignment, seen: Seen) -> bool:
-        """Whether a registration is not tracked."""
-        return self.assessor.assess(alignment, seen.frame.timestamp)[0] is not Status.TRACKED
+        # depth that is late fits a knocked frame worse in its right place
+        is_tracked = self.assessor.assess(again, timestamp)[0] is Status.TRACKED
+        return again if is_tracked or is_sharper(again, found) else found
 
     def _sharpest(
         self, seen: Seen, starts: NDArray[np.float64], term: DepthTerm, found: Alignment
@@ -352,14 +347,11 @@ class Locator:
         None where it does not, or the frame would be lost.
         """
         parts, begun = (self._course.key, seen.samples, seen.points), (found.T_ref_cur, start)
-        levels = [self._depth_alone.align(*parts, T_key_cur) for T_key_cur in begun]
-        level = max(levels, key=fitting_depth)
-        T_key_level = level.T_ref_cur
-        own = in_current_camera(self._depth_alone.covariance(*parts, level), T_key_level)
-        if len(degenerate_directions(own)):
+        level = self._depth_alone.lead(*parts, begun)
+        if level is None:
             return None
         sharp_px = self._judge.scatter.sharp_px
-        again = self.registrar.register(seen, T_key_level[None], term, sharp_px)
+        again = self.registrar.register(seen, level.T_ref_cur[None], term, sharp_px)
         lost = self.assessor.is_lost(again, seen.frame.timestamp)
         return again if not lost and self._judge.torn.fits_more_depth(again, found) else None
 

@@ -1,8 +1,9 @@
 """Where a frame was taken: by the keyframe, or by what else may tell.
 
 Not in the paper, which has the keyframe alone. Where a keyframe was left along what nothing told,
-and the camera is back, that says so. A frame that is lost may fit an earlier one, be excused for
-what it is lost for, show more edges when looked at again, or be led by its depth: in this order.
+and the camera is back, that says so. A frame that is lost may have slid along what nothing
+constrains, fit an earlier keyframe, be excused for what it is lost for, show more edges when looked
+at again, or be led by its depth: in this order.
 """
 
 from enum import Enum, auto
