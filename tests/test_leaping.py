@@ -144,7 +144,11 @@ def test_what_slides_along_what_nothing_constrains_is_not_lost(bare, seed):
     assert results[3].degenerate
     assert not any(result.status is Status.LOST for result in results)
     off = [se3.distance(T, each.T_world_cam) for T, each in zip(bare[2], results, strict=True)]
-    assert max(off) < 0.04  # it went on as it was going: the registration was twice as far away
+    assert max(off) < 0.04
+    at, key = results[3], results[results[3].keyframe]
+    T_registered = key.T_world_cam @ at.alignment.T_ref_cur
+    assert se3.distance(T_registered, at.T_world_cam) > 0.05  # it went on as it was going
+    assert se3.distance(results[2].T_world_cam, at.T_world_cam) < 0.04
     for without in (LOST, "motion.inertia=none", "status.covariance=none"):
         lost = rooms.tracked(bare, f"seed={seed}", without)[1][3]
         assert (lost.status, lost.reason) == (Status.LOST, LEAPT)

@@ -79,7 +79,7 @@ class Apart:
             if se3.distance(found.T_ref_cur, level.T_ref_cur) < SLACK_M + late_m:
                 return found
             self._doubt.see_motion(timestamp)
-            sharp_px = self._judge.scatter.sharp_px
-            there = level.T_ref_cur[None]  # not moved on from the last pose, which may be wrong
+            there, sharp_px = level.T_ref_cur[None], self._judge.scatter.sharp_px
+            # at once, since the last pose may be wrong, too
             again = self._registrar.register(seen, there, term, sharp_px, at_once=True)
         return max((found, again), key=lambda each: agreement(each, course.key.planes, points))

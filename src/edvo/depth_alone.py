@@ -144,7 +144,7 @@ class DepthAlone:
         points: PlanePoints,
         starts: Sequence[NDArray[np.float64]],
     ) -> Alignment | None:
-        """Find where depth leads from several starts, if it leaves no motion open there.
+        """Find where most of depth fits, of where it leads from several starts.
 
         Parameters
         ----------
@@ -155,7 +155,7 @@ class DepthAlone:
         Returns
         -------
         Alignment or None
-            Of all that which most of depth fits.
+            None where depth leaves a motion open there.
         """
         parts = key, samples, points
         level = max((self.align(*parts, T_key_cur) for T_key_cur in starts), key=fitting_depth)
